@@ -1,0 +1,1 @@
+"""jaxfem: a differentiable solver for soft bodies, in pure JAX."""

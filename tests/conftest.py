@@ -1,0 +1,32 @@
+"""Settings of the test process: double precision on (the package itself never sets it), outside data located."""
+
+import os
+import pathlib
+
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+import jax
+import pytest
+
+jax.config.update("jax_enable_x64", True)
+
+SHARED = pathlib.Path(__file__).resolve().parents[1].parent / "shared"
+
+
+def _folder(name: str) -> pathlib.Path:
+    folder = SHARED / name
+    if not folder.is_dir():
+        pytest.skip(f"the folder of outside values {name!r} is not beside this checkout")
+    return folder
+
+
+@pytest.fixture(scope="session")
+def reference() -> pathlib.Path:
+    """Folder of reference values computed with other libraries; the test is skipped where it is absent."""
+    return _folder("reference")
+
+
+@pytest.fixture(scope="session")
+def data() -> pathlib.Path:
+    """Folder of measured data and meshes; the test is skipped where it is absent."""
+    return _folder("data")
