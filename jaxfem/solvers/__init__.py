@@ -1,0 +1,6 @@
+"""Solvers on plain arrays and callables; nothing here knows of meshes or bodies."""
+
+from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo, Status, describe
+
+__all__ = ["SolveInfo", "Status", "describe", "pcg"]

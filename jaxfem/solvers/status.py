@@ -1,0 +1,72 @@
+"""What a solver says about its answer: a status that survives jit, and a message that names a remedy."""
+
+import enum
+from typing import Any
+
+import numpy as np
+from jax import Array
+
+from jaxfem.pytrees import pytree
+
+
+class Status(enum.IntEnum):
+    """Outcome of a solve, an integer inside compiled code. Zero is success; see `describe` for the remedies."""
+
+    CONVERGED = 0
+    ITERATION_LIMIT = 1
+    NOT_FINITE = 2
+    NOT_POSITIVE_DEFINITE = 3
+    INFEASIBLE_BOUNDS = 4
+    NO_DESCENT = 5
+    INNER_SOLVE_FAILED = 6
+
+
+_MESSAGES = {
+    Status.CONVERGED: "converged",
+    Status.ITERATION_LIMIT: (
+        "stopped at the iteration limit before reaching the tolerance: raise max_iterations, loosen tol (single "
+        "precision cannot go far below 1e-6), or give a better preconditioner or start"
+    ),
+    Status.NOT_FINITE: (
+        "met a value that is not finite: look for NaN or infinity in the operator, the right-hand side and the start, "
+        "or take a smaller time step"
+    ),
+    Status.NOT_POSITIVE_DEFINITE: (
+        "met a direction of no or negative curvature: the operator or the preconditioner is not symmetric positive "
+        "definite; check its symmetry, add a small positive diagonal, or compute in double precision"
+    ),
+    Status.INFEASIBLE_BOUNDS: "no point satisfies the bounds (lower > upper somewhere, or a NaN): correct the bounds",
+    Status.NO_DESCENT: (
+        "no step along the search direction reduced the residual: take a smaller time step, start closer to the "
+        "solution, or loosen tol if the residual is already at rounding level"
+    ),
+    Status.INNER_SOLVE_FAILED: (
+        "a linear solve inside an iteration failed: raise its iteration limit, use a stronger preconditioner, or take "
+        "a smaller time step"
+    ),
+}
+
+
+@pytree
+class SolveInfo:
+    """How a solve ended; every solver returns one. Under vmap each field has the lanes' leading axis.
+
+    status: integer, a `Status`.  iterations: loop trips, each one product with the operator.
+    residual: norm relative to the right-hand side's (the solver's docstring says which norm).
+    weakly_active: number of rows at a bound with (numerically) no force against it; there the derivative is one-sided.
+    """
+
+    status: Array
+    iterations: Array
+    residual: Array
+    weakly_active: Array
+
+
+def describe(status: Any) -> str:
+    """Readable text of a status, on the host. status: an integer, a `SolveInfo`'s `status`, or an array of lanes'."""
+    codes = np.atleast_1d(np.asarray(status)).ravel()
+    if codes.size == 1:
+        return _MESSAGES[Status(int(codes[0]))]
+    kinds, counts = np.unique(codes, return_counts=True)
+    parts = [f"{n} of {codes.size}: {_MESSAGES[Status(int(k))]}" for k, n in zip(kinds, counts, strict=True)]
+    return "; ".join(parts)
