@@ -1,0 +1,144 @@
+"""Meshes of convex bodies from a cloud of points or a closed surface, by Delaunay's rule."""
+
+from typing import Any
+
+import numpy as np
+from scipy.spatial import ConvexHull, Delaunay, QhullError
+
+from . import checks
+from .checks import Floats, Ints, Mask, MeshError, counted
+from .tet import TetMesh
+from .topology import element_faces, face_counts, triangle_edge_counts
+
+THIN = 1e-3  # a tetrahedron on the hull with |volume| below THIN * longest_edge**3 (regular: 0.118) is a sliver
+CONVEX = 1e-3  # a surface counts as convex when its hull encloses at most this share more
+MOST_POINTS = 2_000_000
+
+
+def delaunay(points: Any, name: str = "cloud") -> TetMesh:
+    """The Delaunay tetrahedra of a point cloud (n, 3), m: they fill its convex hull.
+
+    Slivers lying flat on the hull are peeled off, and the difference from the hull's volume stands in `notes`. Where
+    points on a regular grid would leave flat elements inside, points off the hull are moved by up to 2 % of their
+    distance from the next node, also noted. MeshError for fewer than four points, or points in one plane.
+    """
+    cloud = checks.as_points(points, name)
+    hull = _hull(cloud, name)
+    notes: tuple[str, ...] = ()
+    cells = _peeled(cloud, _tetrahedra(cloud))
+    if _has_gaps(cloud, cells, hull.volume):
+        cloud, moved = _nudged(cloud, hull)
+        cells = _peeled(cloud, _tetrahedra(cloud))
+        notes = (f"points off the hull were moved by up to {moved:.2g} m: on a regular grid some elements would be flat",)
+        if _has_gaps(cloud, cells, hull.volume):
+            raise MeshError(f'the points of "{name}" leave flat elements: move points that lie on one plane or sphere apart')
+    mesh = TetMesh.repaired(cloud, cells, name, notes=notes)
+    short = hull.volume - mesh.volume
+    if abs(short) <= 1e-9 * hull.volume:
+        return mesh
+    note = f"slivers on the hull were peeled off: the mesh is {short:.3g} m^3 ({short / hull.volume:.2g} of it) short of the hull"
+    return TetMesh(mesh.points, mesh.cells, name, notes=(*mesh.notes, note))
+
+
+def from_convex_surface(points: Any, triangles: Any, spacing: float | None = None, name: str = "surface") -> TetMesh:
+    """Tetrahedra inside a closed convex surface: points (n, 3) in m, triangles (k, 3), either way round.
+
+    Nodes are added inside on a body-centred lattice with about `spacing` (m) between neighbours; by default the
+    surface's mean edge length. MeshError for a surface that is open or not convex, or a spacing that is not positive.
+    """
+    cloud = checks.as_points(points, name)
+    faces = checks.as_integers(triangles, f'triangles of "{name}"')
+    if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
+        raise MeshError(f'triangles of "{name}" have shape {faces.shape}: give (k, 3), three node numbers a triangle')
+    if faces.min() < 0 or faces.max() >= len(cloud):
+        raise MeshError(f'the triangles of "{name}" use a node that does not exist: nodes are 0 to {len(cloud) - 1}')
+    used, faces = np.unique(faces, return_inverse=True)
+    cloud, faces = cloud[used], faces.reshape(-1, 3)
+    hull = _hull(cloud, name)
+    _refuse_open_or_hollow(cloud, faces, hull, name)
+    if spacing is None:
+        ends = cloud[faces]
+        spacing = float(np.linalg.norm(ends - np.roll(ends, 1, axis=1), axis=-1).mean())
+    if not (np.isfinite(spacing) and spacing > 0):
+        raise MeshError(f'spacing={spacing!r} for "{name}": give a positive length in m')
+    return delaunay(np.concatenate([cloud, _lattice_inside(cloud, hull, spacing, name)]), name)
+
+
+def _hull(cloud: Floats, name: str) -> ConvexHull:
+    try:
+        return ConvexHull(cloud)
+    except QhullError as problem:
+        reason = "fewer than four points" if len(cloud) < 4 else "points (nearly) in one plane"
+        raise MeshError(f'the points of "{name}" have no volume: {reason}') from problem
+
+
+def _tetrahedra(cloud: Floats) -> Ints:
+    return Delaunay(cloud - cloud.mean(axis=0)).simplices.astype(np.int64)
+
+
+def _peeled(cloud: Floats, cells: Ints) -> Ints:
+    """Without the elements that have no volume, and the slivers with two faces on the outside, layer after layer."""
+    cells = cells[~_thin(cloud, cells, 1e-10)]
+    while True:
+        alone = (face_counts(element_faces(cells))[1] == 1).reshape(-1, 4).sum(axis=1)
+        drop = (alone == 2) & _thin(cloud, cells, THIN)
+        if not drop.any():
+            return cells
+        cells = cells[~drop]
+
+
+def _thin(cloud: Floats, cells: Ints, limit: float) -> Mask:
+    size = checks.edge_lengths(cloud, cells).max(axis=1) ** 3
+    return np.abs(checks.signed_volumes(cloud, cells)) <= limit * size
+
+
+def _has_gaps(cloud: Floats, cells: Ints, volume: float) -> bool:
+    """Whether faces do not match somewhere inside: then the outer triangles do not make one simple closed surface."""
+    faces = element_faces(checks.flipped(cloud, cells)[0])
+    outside = faces[face_counts(faces)[1] == 1]
+    filled = np.abs(checks.signed_volumes(cloud, cells)).sum()
+    return bool((triangle_edge_counts(outside) != 2).any() or abs(filled - volume) > 0.05 * volume)
+
+
+def _nudged(cloud: Floats, hull: ConvexHull) -> tuple[Floats, float]:
+    """Points off the hull moved a little, the same way every time; and the largest move."""
+    from scipy.spatial import cKDTree
+
+    apart = cKDTree(cloud).query(cloud, k=2)[0][:, 1]
+    inside = _depth(cloud, hull) > 1e-6 * np.ptp(cloud, axis=0).max()
+    moves = np.random.default_rng(0).uniform(-1.0, 1.0, cloud.shape) * (0.02 / 3**0.5) * apart[:, None]
+    moves[~inside] = 0.0
+    return cloud + moves, float(np.linalg.norm(moves, axis=1).max())
+
+
+def _depth(queries: Floats, hull: ConvexHull) -> Floats:
+    """Distance (q,) of points to the nearest plane of the hull, positive inside."""
+    planes = np.unique(np.round(hull.equations, 12), axis=0)
+    parts = np.array_split(queries, 1 + queries.shape[0] * len(planes) // 5_000_000)
+    return np.concatenate([-(part @ planes[:, :3].T + planes[:, 3]).max(axis=1) for part in parts])
+
+
+def _refuse_open_or_hollow(cloud: Floats, faces: Ints, hull: ConvexHull, name: str) -> None:
+    wrong = int((triangle_edge_counts(faces) != 2).sum())
+    if wrong:
+        raise MeshError(f'the surface "{name}" is not closed: {counted(wrong, "edge")} without exactly two triangles')
+    a, b, c = (cloud[faces[:, i]] - cloud.mean(axis=0) for i in range(3))
+    inside = abs(float(np.einsum("ij,ij->", a, np.cross(b, c)))) / 6.0
+    if abs(hull.volume - inside) > CONVEX * hull.volume:
+        raise MeshError(
+            f'the surface "{name}" is not convex (or its triangles are turned both ways): it encloses {inside:.4g} m^3, '
+            f"its convex hull {hull.volume:.4g} m^3: mesh its volume with a mesher such as Gmsh or TetGen"
+        )
+
+
+def _lattice_inside(cloud: Floats, hull: ConvexHull, spacing: float, name: str) -> Floats:
+    """Points of a body-centred cubic lattice that lie deeper than half the spacing under the hull."""
+    period = spacing * 2.0 / 3**0.5  # a node's eight nearest neighbours are at period * sqrt(3) / 2
+    low, high = cloud.min(axis=0), cloud.max(axis=0)
+    counts = np.ceil((high - low) / period).astype(np.int64) + 1
+    if 2.0 * np.prod(counts.astype(np.float64)) > MOST_POINTS:
+        raise MeshError(f'spacing={spacing:.3g} m would put over {MOST_POINTS} nodes into "{name}": give a larger spacing')
+    axes = [0.5 * (a + b) + period * (np.arange(n) - 0.5 * (n - 1)) for a, b, n in zip(low, high, counts, strict=True)]
+    grid = np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1).reshape(-1, 3)
+    grid = np.concatenate([grid, grid + 0.5 * period])
+    return grid[_depth(grid, hull) > 0.5 * spacing]

@@ -1,0 +1,76 @@
+"""Named groups of faces, nodes and elements: checked when a mesh is made, renumbered when parts of it are dropped."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from .checks import Ints, MeshError, as_integers, listed
+from .topology import element_faces, oriented_like
+
+Groups = dict[str, Ints]
+
+
+def checked_numbers(groups: Mapping[str, Any], count: int, kind: str, name: str) -> Groups:
+    """Groups of node or element numbers, each sorted and once; boolean masks (count,) are taken too."""
+    return {str(key): _numbers(values, count, f'{kind} group "{key}" of "{name}"') for key, values in groups.items()}
+
+
+def _numbers(values: Any, count: int, what: str) -> Ints:
+    array = np.asarray(values)
+    if array.dtype == bool:
+        if array.shape != (count,):
+            raise MeshError(f"{what} is a mask of shape {array.shape}: give ({count},), or a list of numbers")
+        array = np.flatnonzero(array)
+    numbers = np.unique(as_integers(array, f"numbers in {what}"))
+    if len(numbers) and (numbers[0] < 0 or numbers[-1] >= count):
+        wrong = numbers[0] if numbers[0] < 0 else numbers[-1]
+        raise MeshError(f"{what} holds number {wrong}: numbers run from 0 to {count - 1}")
+    return numbers
+
+
+def checked_faces(groups: Mapping[str, Any], cells: Ints, name: str) -> Groups:
+    """Groups of triangles (k, 3), each a face of some element and turned outward; MeshError names one that is not."""
+    made: Groups = {}
+    for key, values in groups.items():
+        what = f'face group "{key}" of "{name}"'
+        faces = as_integers(values, f"node numbers in {what}").reshape(-1, 3) if np.size(values) else _no_faces()
+        if np.size(values) and np.shape(values)[-1:] != (3,):
+            raise MeshError(f"{what} has shape {np.shape(values)}: give (k, 3), three node numbers a triangle")
+        made[str(key)], missing = oriented_like(faces, element_faces(cells))
+        if len(missing):
+            nodes = listed(faces[missing[0]])
+            raise MeshError(f"triangle {missing[0]} of {what} is not a face of any element (nodes {nodes}): leave it out")
+    return made
+
+
+def _no_faces() -> Ints:
+    return np.zeros((0, 3), dtype=np.int64)
+
+
+def renumbered(groups: Mapping[str, Any], kept: Ints, count: int, kind: str, name: str) -> Groups:
+    """Groups of numbers below `count`, after only the numbers in `kept` stayed and were counted afresh."""
+    new = np.full(count, -1, dtype=np.int64)
+    new[kept] = np.arange(len(kept))
+    moved = {key: new[numbers] for key, numbers in checked_numbers(groups, count, kind, name).items()}
+    return {key: numbers[numbers >= 0] for key, numbers in moved.items()}
+
+
+def renumbered_faces(
+    groups: Mapping[str, Any], kept: Ints, count: int, cells: Ints, name: str
+) -> tuple[Groups, tuple[str, ...]]:
+    """Groups of triangles, after only the nodes in `kept` stayed; those no element has are dropped with a note."""
+    new = np.full(count, -1, dtype=np.int64)
+    new[kept] = np.arange(len(kept))
+    made: Groups = {}
+    notes: list[str] = []
+    for key, values in groups.items():
+        old = as_integers(values, f'node numbers in face group "{key}" of "{name}"').reshape(-1, 3)
+        if len(old) and (old.min() < 0 or old.max() >= count):
+            raise MeshError(f'face group "{key}" of "{name}" uses a node that does not exist: nodes are 0 to {count - 1}')
+        faces = new[old]
+        missing = oriented_like(faces, element_faces(cells))[1]
+        if len(missing):
+            notes.append(f'face group "{key}": {len(missing)} of {len(faces)} triangles are no face of any element; left out')
+        made[str(key)] = np.delete(faces, missing, axis=0)
+    return made, tuple(notes)

@@ -1,0 +1,57 @@
+"""Faces, edges and the outer surface of a list of tetrahedra, by node numbers alone."""
+
+import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from .checks import EDGES, Ints, first_equal
+
+FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # face i is opposite node i, its normal points outward
+
+
+def element_faces(cells: Ints) -> Ints:
+    """The four outward triangles of every positively oriented element (4 m, 3), element by element."""
+    return cells[:, FACES].reshape(-1, 3)
+
+
+def face_counts(faces: Ints) -> tuple[Ints, Ints]:
+    """For each face the first face with the same nodes, and how many faces share them: both (k,)."""
+    first = first_equal(faces)
+    return first, np.bincount(first, minlength=len(faces))[first]
+
+
+def boundary_faces(cells: Ints) -> tuple[Ints, Ints]:
+    """Outward triangles (k, 3) that belong to one element only, and that element (k,)."""
+    faces = element_faces(cells)
+    alone = np.flatnonzero(face_counts(faces)[1] == 1)
+    return faces[alone], alone // 4
+
+
+def unique_edges(cells: Ints) -> Ints:
+    """Every edge of the tetrahedra (m, 4) once, as sorted node pairs (e, 2)."""
+    return np.unique(np.sort(cells[:, EDGES].reshape(-1, 2), axis=1), axis=0)
+
+
+def triangle_edge_counts(triangles: Ints) -> Ints:
+    """How many triangles meet at each edge of a surface (e,): two everywhere on a closed, simple one."""
+    edges = np.sort(triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+    return np.unique(edges, axis=0, return_counts=True)[1]
+
+
+def components(cells: Ints, nodes: int) -> int:
+    """Number of parts that hang together through shared nodes (unused nodes count as a part each)."""
+    pairs = cells[:, [[0, 1], [0, 2], [0, 3]]].reshape(-1, 2)
+    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(nodes, nodes))
+    return int(connected_components(graph, directed=False)[0])
+
+
+def oriented_like(faces: Ints, element_faces: Ints) -> tuple[Ints, Ints]:
+    """The given faces with the outward order of the element that has them, and the numbers of those no element has.
+
+    A face between two elements is oriented as the first of the two sees it.
+    """
+    first = first_equal(np.concatenate([element_faces, faces]))[len(element_faces) :]
+    found = first < len(element_faces)
+    matched = faces.copy()
+    matched[found] = element_faces[first[found]]
+    return matched, np.flatnonzero(~found)
