@@ -1,0 +1,25 @@
+"""Tetrahedral meshes: made, read, checked, measured. NumPy on the host; nothing here is traced by JAX."""
+
+from .clouds import delaunay, from_convex_surface
+from .embedding import locate
+from .files import read, read_surface, write
+from .generators import ball, beam, box
+from .quality import QualityReport, quality, report_text
+from .tet import MeshError, TetMesh
+
+__all__ = [
+    "MeshError",
+    "QualityReport",
+    "TetMesh",
+    "ball",
+    "beam",
+    "box",
+    "delaunay",
+    "from_convex_surface",
+    "locate",
+    "quality",
+    "read",
+    "read_surface",
+    "report_text",
+    "write",
+]

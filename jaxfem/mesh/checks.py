@@ -35,6 +35,11 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
+def is_positive(value: Any) -> bool:
+    """Whether a value is one finite number above zero."""
+    return np.ndim(value) == 0 and np.issubdtype(np.asarray(value).dtype, np.number) and bool(0 < value < np.inf)
+
+
 def as_points(points: Any, name: str) -> Floats:
     """A copy of the nodes as float64 (n, 3); MeshError names the first node that is not finite."""
     array = np.array(points, dtype=np.float64)

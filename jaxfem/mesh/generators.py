@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import Floats, Ints, MeshError
+from .checks import Floats, Ints, MeshError, is_positive
 from .tet import TetMesh
 
 CORNERS = list(product((0, 1), repeat=3))  # corner (i, j, k) of a cell has the number 4 i + 2 j + k
@@ -55,7 +55,7 @@ def beam(
 
     cells_along counts the cells along x. Groups and errors as for `box`.
     """
-    if not (np.isscalar(cells_along) and cells_along >= 1 and length > 0):
+    if not (is_positive(cells_along) and is_positive(length)):
         raise MeshError(f"a beam of length {length!r} with cells_along={cells_along!r}: both must be positive")
     edge = length / cells_along
     across = [max(1, round(each / edge)) for each in (width, height)]
@@ -69,7 +69,7 @@ def ball(radius: float, cells: int, center: Sequence[float] = (0.0, 0.0, 0.0), n
     icosahedron makes a tetrahedron with the center, cut like the corner x >= y >= z of a box and bent so that each
     layer lies on a sphere. MeshError for a radius or count that is not positive.
     """
-    if not (np.isscalar(radius) and np.isfinite(radius) and radius > 0):
+    if not is_positive(radius):
         raise MeshError(f"a ball of radius {radius!r}: give a positive length in m")
     layers = int(_counts(cells)[0])
     grid = _grid(np.full(3, layers + 1)).astype(np.int64)
@@ -109,7 +109,9 @@ def _counts(cells: Any) -> Ints:
 
 def _grid(counts: Ints) -> Floats:
     """All (i, j, k) below counts, the last index fastest."""
-    return np.stack(np.meshgrid(*(np.arange(n, dtype=np.float64) for n in counts), indexing="ij"), axis=-1).reshape(-1, 3)
+    return np.stack(np.meshgrid(*(np.arange(n, dtype=np.float64) for n in counts), indexing="ij"), axis=-1).reshape(
+        -1, 3
+    )
 
 
 def _cell_corners(counts: Ints) -> tuple[Ints, Ints]:
@@ -120,7 +122,7 @@ def _cell_corners(counts: Ints) -> tuple[Ints, Ints]:
 
 
 def _six() -> Ints:
-    """Six paths from corner 0 to corner 7; odd permutations have the last two nodes swapped to keep the volume positive."""
+    """Six paths from corner 0 to corner 7; odd permutations have the last two nodes swapped, for positive volume."""
     tets = []
     for axes in permutations(range(3)):
         steps = np.cumsum([np.zeros(3, dtype=int), *np.eye(3, dtype=int)[list(axes)]], axis=0)
@@ -138,7 +140,7 @@ def _five(mirrored: bool) -> Ints:
 
 
 def _twelve() -> Ints:
-    """Two tetrahedra from each side of the cell to its middle (number 8); diagonals join each side's low and high corner."""
+    """Two tetrahedra from each side of the cell to its middle (node 8); diagonals join a side's low and high corner."""
     tets = []
     for axis, level in product(range(3), (0, 1)):
         side = [number for number, corner in enumerate(CORNERS) if corner[axis] == level]
@@ -165,7 +167,9 @@ def _icosahedron() -> tuple[Floats, Ints]:
     flat = [(0.0, a, b * golden) for a in (-1.0, 1.0) for b in (-1.0, 1.0)]
     corners = np.array([np.roll(point, shift) for shift in range(3) for point in flat]) / np.hypot(1.0, golden)
     near = np.linalg.norm(corners[:, None] - corners[None], axis=-1) < 1.1 * 2.0 / np.hypot(1.0, golden)
-    triples = [(a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] and near[b, c] and near[a, c]]
+    triples = [
+        (a, b, c) for a in range(12) for b in range(a) for c in range(b) if near[a, b] and near[b, c] and near[a, c]
+    ]
     return corners, np.array(triples, dtype=np.int64)
 
 

@@ -40,7 +40,9 @@ def checked_faces(groups: Mapping[str, Any], cells: Ints, name: str) -> Groups:
         made[str(key)], missing = oriented_like(faces, element_faces(cells))
         if len(missing):
             nodes = listed(faces[missing[0]])
-            raise MeshError(f"triangle {missing[0]} of {what} is not a face of any element (nodes {nodes}): leave it out")
+            raise MeshError(
+                f"triangle {missing[0]} of {what} is not a face of any element (nodes {nodes}): leave it out"
+            )
     return made
 
 
@@ -67,10 +69,14 @@ def renumbered_faces(
     for key, values in groups.items():
         old = as_integers(values, f'node numbers in face group "{key}" of "{name}"').reshape(-1, 3)
         if len(old) and (old.min() < 0 or old.max() >= count):
-            raise MeshError(f'face group "{key}" of "{name}" uses a node that does not exist: nodes are 0 to {count - 1}')
+            raise MeshError(
+                f'face group "{key}" of "{name}" uses a node that does not exist: nodes are 0 to {count - 1}'
+            )
         faces = new[old]
         missing = oriented_like(faces, element_faces(cells))[1]
         if len(missing):
-            notes.append(f'face group "{key}": {len(missing)} of {len(faces)} triangles are no face of any element; left out')
+            notes.append(
+                f'face group "{key}": {len(missing)} of {len(faces)} triangles are no face of any element; left out'
+            )
         made[str(key)] = np.delete(faces, missing, axis=0)
     return made, tuple(notes)

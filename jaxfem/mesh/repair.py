@@ -25,7 +25,9 @@ def cleaned(
     cells = checks.as_cells(cells, len(points), name)
     keep, dropped_elements = _usable_elements(points, cells)
     if not len(keep):
-        raise MeshError(f'no usable element is left of "{name}" ({"; ".join(dropped_elements)}): check the scale and format')
+        raise MeshError(
+            f'no usable element is left of "{name}" ({"; ".join(dropped_elements)}): check the scale and format'
+        )
     turned, flips = checks.flipped(points, cells)
     kept_cells = turned[keep]
     idle = checks.unreferenced(len(points), kept_cells)

@@ -47,7 +47,11 @@ class TetMesh:
             "cell_groups": named.checked_numbers(self.cell_groups, len(cells), "cell", self.name),
             "notes": tuple(self.notes) + notes,
         }
-        for array in [points, cells, *(a for value in made.values() if isinstance(value, dict) for a in value.values())]:
+        for array in [
+            points,
+            cells,
+            *(a for value in made.values() if isinstance(value, dict) for a in value.values()),
+        ]:
             array.flags.writeable = False  # cached properties and groups would go stale
         for key, value in made.items():
             object.__setattr__(self, key, value)
@@ -108,7 +112,7 @@ class TetMesh:
         return np.stack([self.points.min(axis=0), self.points.max(axis=0)])
 
     def faces(self, name: str) -> Ints:
-        """Triangles (k, 3) of a face group, turned outward; "surface" is the whole surface unless a group bears that name.
+        """Triangles (k, 3) of a face group, turned outward; "surface" is the whole surface unless a group is so named.
 
         MeshError for a name that does not exist.
         """
@@ -129,7 +133,9 @@ class TetMesh:
             return np.unique(self.faces(name))
         if name in self.cell_groups:
             return np.unique(self.cells[self.cell_groups[name]])
-        raise MeshError(self._unknown("node", name, [*self.node_groups, *self.face_groups, *self.cell_groups, "surface"]))
+        raise MeshError(
+            self._unknown("node", name, [*self.node_groups, *self.face_groups, *self.cell_groups, "surface"])
+        )
 
     def _unknown(self, kind: str, name: str, known: list[str]) -> str:
         names = ", ".join(dict.fromkeys(f'"{each}"' for each in known))
@@ -137,7 +143,7 @@ class TetMesh:
 
     def scaled(self, factor: float) -> "TetMesh":
         """The mesh with every coordinate multiplied by a positive factor (1e-3 takes mm to m)."""
-        if not (np.isscalar(factor) and np.isfinite(factor) and factor > 0):
+        if not checks.is_positive(factor):
             raise MeshError(f'scale factor {factor!r} for "{self.name}": give one positive number')
         return dataclasses.replace(self, points=self.points * factor)
 
@@ -152,7 +158,9 @@ class TetMesh:
         """The mesh turned about the origin by a rotation matrix (3, 3); MeshError for any other matrix."""
         turn = np.asarray(matrix, dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
-            raise MeshError(f'the matrix given to rotate "{self.name}" is no rotation: its rows must be orthonormal, det +1')
+            raise MeshError(
+                f'the matrix given to rotate "{self.name}" is no rotation: its rows must be orthonormal, det +1'
+            )
         return dataclasses.replace(self, points=self.points @ turn.T)
 
     def renamed(self, name: str) -> "TetMesh":
