@@ -145,12 +145,16 @@ def refuse_bad_elements(points: Floats, cells: Ints, name: str) -> None:
         raise MeshError(f'node{verb} to no element of "{name}": {listed(idle)}: {advice}')
 
 
-def flipped(points: Floats, cells: Ints) -> tuple[Ints, tuple[str, ...]]:
-    """The elements with the last two nodes of every inside-out one swapped, and the note that says which."""
+def flipped(points: Floats, cells: Ints, numbers: Ints | None = None) -> tuple[Ints, tuple[str, ...]]:
+    """The elements with the last two nodes of every inside-out one swapped, and the note that says which.
+
+    The note calls element i numbers[i], for elements that are a part of a longer list.
+    """
     bad = np.flatnonzero(signed_volumes(points, cells) < 0)
     if not len(bad):
         return cells, ()
     turned = cells.copy()
     turned[bad, 2], turned[bad, 3] = cells[bad, 3], cells[bad, 2]
     were = "was" if len(bad) == 1 else "were"
+    bad = bad if numbers is None else numbers[bad]
     return turned, (f"{counted(len(bad), 'element')} {were} oriented inside out and {were} flipped: {listed(bad)}",)

@@ -42,7 +42,7 @@ def delaunay(points: Any, name: str = "cloud") -> TetMesh:
     return TetMesh(mesh.points, mesh.cells, name, notes=(*mesh.notes, note))
 
 
-def from_convex_surface(points: Any, triangles: Any, spacing: float | None = None, name: str = "surface") -> TetMesh:
+def from_convex_surface(points: Any, triangles: Any, spacing: float | None = None, name: str = "body") -> TetMesh:
     """Tetrahedra inside a closed convex surface: points (n, 3) in m, triangles (k, 3), either way round.
 
     Nodes are added inside on a body-centred lattice with about `spacing` (m) between neighbours; by default the

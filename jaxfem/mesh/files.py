@@ -3,6 +3,7 @@
 import contextlib
 import io
 import os
+import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
@@ -132,7 +133,8 @@ def _quietly(action: Callable[[], Any], verb: str, path: Path) -> Any:
     """Run meshio, which prints and even exits when it fails; MeshError with what it printed instead."""
     said = io.StringIO()
     try:
-        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said):
+        with contextlib.redirect_stdout(said), contextlib.redirect_stderr(said), warnings.catch_warnings():
+            warnings.simplefilter("ignore")
             return action()
     except (Exception, SystemExit) as problem:
         if isinstance(problem, OSError) and problem.filename is not None:
@@ -141,7 +143,10 @@ def _quietly(action: Callable[[], Any], verb: str, path: Path) -> Any:
             raise MeshError(f"cannot {verb} {path}: this format needs the Python package {problem.name}") from problem
         printed = " ".join(said.getvalue().split()).replace("Error: ", "")
         reason = printed or (str(problem) if not isinstance(problem, SystemExit) else "") or type(problem).__name__
-        raise MeshError(f"cannot {verb} {path}: {reason}: is the file complete, and its ending right?") from problem
+        advice = "is the file complete, and its ending right?"
+        if path.suffix.lower() == ".msh":  # meshio stumbles over version 4.1 where some entities are in no group
+            advice += " If Gmsh opens it, save it as version 2.2 (gmsh -save -format msh22)"
+        raise MeshError(f"cannot {verb} {path}: {reason}: {advice}") from problem
 
 
 def _checked(data: Mapping[str, Any] | None, count: int, kind: str, what: str) -> dict[str, np.ndarray]:

@@ -34,9 +34,7 @@ def checked_faces(groups: Mapping[str, Any], cells: Ints, name: str) -> Groups:
     made: Groups = {}
     for key, values in groups.items():
         what = f'face group "{key}" of "{name}"'
-        faces = as_integers(values, f"node numbers in {what}").reshape(-1, 3) if np.size(values) else _no_faces()
-        if np.size(values) and np.shape(values)[-1:] != (3,):
-            raise MeshError(f"{what} has shape {np.shape(values)}: give (k, 3), three node numbers a triangle")
+        faces = _triangles(values, what)
         made[str(key)], missing = oriented_like(faces, element_faces(cells))
         if len(missing):
             nodes = listed(faces[missing[0]])
@@ -46,8 +44,11 @@ def checked_faces(groups: Mapping[str, Any], cells: Ints, name: str) -> Groups:
     return made
 
 
-def _no_faces() -> Ints:
-    return np.zeros((0, 3), dtype=np.int64)
+def _triangles(values: Any, what: str) -> Ints:
+    faces = as_integers(values, f"node numbers in {what}")
+    if faces.size and (faces.ndim != 2 or faces.shape[1] != 3):
+        raise MeshError(f"{what} has shape {faces.shape}: give (k, 3), three node numbers a triangle")
+    return faces.reshape(-1, 3)
 
 
 def renumbered(groups: Mapping[str, Any], kept: Ints, count: int, kind: str, name: str) -> Groups:
@@ -67,7 +68,7 @@ def renumbered_faces(
     made: Groups = {}
     notes: list[str] = []
     for key, values in groups.items():
-        old = as_integers(values, f'node numbers in face group "{key}" of "{name}"').reshape(-1, 3)
+        old = _triangles(values, f'face group "{key}" of "{name}"')
         if len(old) and (old.min() < 0 or old.max() >= count):
             raise MeshError(
                 f'face group "{key}" of "{name}" uses a node that does not exist: nodes are 0 to {count - 1}'

@@ -28,8 +28,7 @@ def cleaned(
         raise MeshError(
             f'no usable element is left of "{name}" ({"; ".join(dropped_elements)}): check the scale and format'
         )
-    turned, flips = checks.flipped(points, cells)
-    kept_cells = turned[keep]
+    kept_cells, flips = checks.flipped(points, cells[keep], numbers=keep)
     idle = checks.unreferenced(len(points), kept_cells)
     nodes = np.setdiff1d(np.arange(len(points)), idle)
     new = np.full(len(points), -1, dtype=np.int64)
