@@ -1,5 +1,6 @@
 """Vector arithmetic on pytrees of arrays: unknowns may come as blocks of rows of several shapes, never concatenated."""
 
+from functools import reduce
 from typing import Any
 
 import jax
@@ -9,8 +10,8 @@ from jax import Array
 
 def dot(a: Any, b: Any) -> Array:
     """Inner product of two pytrees of one structure; in full precision, also where products default to less."""
-    parts = jax.tree.map(lambda u, v: jnp.vdot(u, v, precision=jax.lax.Precision.HIGHEST), a, b)
-    return sum(jax.tree.leaves(parts)[1:], start=jax.tree.leaves(parts)[0])
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    return reduce(jnp.add, [jnp.vdot(u, v, precision=jax.lax.Precision.HIGHEST) for u, v in pairs])
 
 
 def norm(a: Any) -> Array:

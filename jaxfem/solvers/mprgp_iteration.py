@@ -1,0 +1,197 @@
+"""The iteration of MPRGP: conjugate gradients on a box that change their active set on the way.
+
+Dostal's algorithm in the box form of Benevolensky & Voroshilov, with one change that a trial on 20 problems (1.6 times
+fewer products on average, up to 4) speaks for: a conjugate step that leaves the box is projected at full length
+(Kruzik, Horak et al. 2020) where the original stops at the wall and takes a short gradient step. That needs no norm
+of A beforehand, so no power iteration; the short step remains as the fallback that convergence rests on.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+from jax import Array
+
+from jaxfem.pytrees import pytree
+from jaxfem.solvers import trees
+from jaxfem.solvers.box import Box, make_box
+from jaxfem.solvers.pcg import default_limit, pcg
+from jaxfem.solvers.status import SolveInfo, Status
+
+RISES_ALLOWED = 5
+"""Projected steps that may raise the objective before only steps of a proven decrease are taken."""
+
+
+@pytree
+class _Rules:
+    """What steers the loop; values, so that changing them compiles nothing."""
+
+    tol: Any
+    limit: Any
+    gamma: Any
+    step_scale: Any
+
+
+@pytree
+class _State:
+    """Loop state. `pending`: x was projected, g is the gradient before that, p the displacement since."""
+
+    x: Any
+    g: Any
+    p: Any
+    pending: Array
+    norm: Array
+    rises: Array
+    scale: Array
+    residual: Array
+    iteration: Array
+    status: Array
+
+
+def mprgp_loop(
+    operator: Callable[[Any], Any],
+    b: Any,
+    lower: Any = None,
+    upper: Any = None,
+    *,
+    x0: Any = None,
+    diagonal: Any = None,
+    tol: Any = 1e-8,
+    max_iterations: Any = None,
+    gamma: Any = 1.0,
+    step_scale: Any = 1.6,
+) -> tuple[Any, SolveInfo]:
+    """Minimise 1/2 x'Ax - b'x over lower <= x <= upper, without a derivative rule; `mprgp` is the one with.
+
+    operator: x -> A x, A symmetric positive definite.  b: floating array of any shape, or a pytree of arrays (blocks of
+    rows, say); x0 and diagonal (of A, for Jacobi scaling; None for no scaling) share its structure.
+    lower, upper: None, a scalar, or a pytree of that structure with None for blocks that have no bound: nothing is
+    paid for those, and with no bound at all this is plain scaled conjugate gradients (`pcg`).
+    Each trip makes one product with A, whatever its kind. The residual is that of `mprgp`.
+    """
+    box = make_box(b, lower, upper)
+    # Scaled variables y: x = S y with S = diag(A)^-1/2, so that S A S has a unit diagonal and the box stays a box.
+    rules = _Rules(tol, default_limit(b) if max_iterations is None else max_iterations, gamma, step_scale)
+    if diagonal is None:
+        return _minimise(operator, b, box, x0, jnp.bool_(True), rules)
+    usable = jnp.stack([jnp.all(~(d <= 0)) for d in jax.tree.leaves(diagonal)]).all()
+    scaling = jax.tree.map(lambda d: jnp.where(d > 0, d, 1) ** -0.5, diagonal)
+
+    def scaled(y: Any) -> Any:
+        return trees.times(scaling, operator(trees.times(scaling, y)))
+
+    start = None if x0 is None else jax.tree.map(jnp.divide, x0, scaling)
+    narrowed = box.divided(scaling)
+    y, info = _minimise(scaled, trees.times(scaling, b), narrowed, start, usable, rules)
+    return box.undivided(y, scaling, narrowed), info
+
+
+def _minimise(
+    operator: Callable[[Any], Any], b: Any, box: Box, x0: Any, usable: Array, rules: _Rules
+) -> tuple[Any, SolveInfo]:
+    """The loop, in variables that need no further scaling."""
+    x = trees.zeros(b) if x0 is None else x0
+    if not box.bounded:
+        x, info = pcg(operator, b, None, x0, rules.tol, jnp.where(usable, rules.limit, 0))
+        refused = jnp.where(usable, info.status, int(Status.NOT_POSITIVE_DEFINITE))
+        return x, SolveInfo(refused, info.iterations, info.residual, info.weakly_active)
+    refused = jnp.where(usable, int(Status.ITERATION_LIMIT), int(Status.NOT_POSITIVE_DEFINITE))
+    status = jnp.where(box.feasible(), refused, int(Status.INFEASIBLE_BOUNDS)).astype(jnp.int32)
+    zero, none = jnp.zeros((), trees.dtype(b)), jnp.int32(0)
+    # The first trip is one "after a projection", from a displacement of zero: it makes the gradient of the start.
+    first = _State(
+        box.clip(x), trees.zeros(b), trees.zeros(b), jnp.bool_(True), zero, none, trees.norm(b), zero, none, status
+    )
+
+    def running(s: _State) -> Array:
+        return (s.status == Status.ITERATION_LIMIT) & (s.iteration < rules.limit)
+
+    end = jax.lax.while_loop(running, lambda s: _trip(operator, b, box, rules, s), first)
+    relative = end.residual / jnp.where(end.scale > 0, end.scale, 1)
+    precision = jnp.finfo(trees.dtype(b)).eps
+    weak = box.weak(end.x, end.g, 10 * jnp.maximum(rules.tol, precision) * end.scale)
+    judged = (end.status == Status.CONVERGED) | (end.status == Status.ITERATION_LIMIT)
+    return end.x, SolveInfo(end.status, end.iteration, relative, jnp.where(judged, weak, 0))
+
+
+def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _State) -> _State:
+    """One product: either a step along w, x - alpha w, or (s.pending) the gradient A x - b after a projection.
+
+    phi, beta: free and chopped gradient. w = p (conjugate direction) where x is proportional, otherwise beta. If the
+    full step leaves the box, its projection is taken, and the next trip computes the gradient there.
+    """
+    phi, beta = box.split(s.x, s.g)
+    proportional = _proportional(box, rules, s, phi, beta)
+    w = trees.where(s.pending | proportional, s.p, beta)
+    Aw = operator(trees.where(s.pending, s.x, w))  # A x where pending
+    gw, ww, wAw = trees.dot(s.g, w), trees.dot(w, w), trees.dot(w, Aw)
+
+    # alpha = g'w / w'Aw; the curvature w'Aw / w'w is also a lower bound of ||A||, and the largest seen serves as norm
+    sound = s.pending | ((wAw > 0) & jnp.isfinite(wAw))
+    stepping = ~s.pending & sound
+    curvature = jnp.where(stepping, wAw, 1)
+    norm = jnp.where(stepping, jnp.maximum(s.norm, wAw / jnp.where(ww > 0, ww, 1)), s.norm)
+    full = trees.plus(s.x, -gw / curvature, w)
+    inside = box.clip(full)
+    cut = stepping & ~box.contains(full)
+    short = box.clip(trees.plus(s.x, -rules.step_scale / norm, trees.where(proportional, phi, beta)))
+    x = trees.where(stepping, trees.where(cut & (s.rises >= RISES_ALLOWED), short, inside), s.x)
+    g = trees.where(s.pending, trees.minus(Aw, b), trees.where(cut | ~sound, s.g, trees.plus(s.g, -gw / curvature, Aw)))
+
+    phi, beta = box.split(x, g)
+    residual = jnp.sqrt(trees.dot(phi, phi) + trees.dot(beta, beta))
+    scale = jnp.where(s.pending & (s.scale == 0), trees.norm(g), s.scale)
+    close = residual <= rules.tol * scale
+    # p <- phi - (phi'Ap / p'Ap) p after a conjugate step, phi after any other; the displacement after a projection.
+    # Convergence is only believed of a gradient just computed: a small recurred one is handed on as if projected.
+    conjugate = trees.plus(phi, -jnp.where(proportional, trees.dot(phi, Aw) / curvature, 0), s.p)
+    stepped = trees.where(cut, trees.minus(x, s.x), trees.where(close, trees.zeros(b), conjugate))
+    rises, norm = _guard(rules, s, norm, 0.5 * (gw + trees.dot(w, g)), ww)
+    return _State(
+        x=x,
+        g=g,
+        p=trees.where(s.pending, phi, stepped),
+        pending=stepping & (cut | close),
+        norm=norm,
+        rises=rises,
+        scale=scale,
+        residual=jnp.where(cut | ~sound, s.residual, residual),
+        iteration=s.iteration + 1,
+        status=_judge(s.pending, sound, wAw, residual, close),
+    )
+
+
+def _proportional(box: Box, rules: _Rules, s: _State, phi: Any, beta: Any) -> Array:
+    """Whether beta~'beta <= Gamma^2 phi~'phi; tilde: shortened to what the step 1 / ||A|| could use inside the box."""
+    limit = jnp.finfo(s.norm.dtype).max ** 0.5  # stands for a norm not known yet
+    rate = jnp.where(s.norm > 0, s.norm / rules.step_scale, limit)
+
+    def shortened(low: Array, up: Array, x: Array, v: Array) -> Array:
+        reach = jnp.where(v > 0, jnp.minimum((x - low) * rate, v), jnp.maximum((x - up) * rate, v))
+        return jnp.vdot(reach, v, precision=jax.lax.Precision.HIGHEST)
+
+    def whole(x: Array, v: Array) -> Array:
+        return jnp.vdot(v, v, precision=jax.lax.Precision.HIGHEST)
+
+    chopped = box.each(shortened, lambda x, v: None, s.x, beta)
+    free = box.each(shortened, whole, s.x, phi)
+    return sum(c for c in chopped if c is not None) <= rules.gamma**2 * sum(free)
+
+
+def _guard(rules: _Rules, s: _State, norm: Array, change: Array, ww: Array) -> tuple[Array, Array]:
+    """Count the projected steps that raised the objective; once careful, a rise says that the norm was too small.
+
+    change = 1/2 (g_before + g_after)'(x_after - x_before), exact for a quadratic. A step 1.6 / norm <= 2 / ||A|| never
+    raises it, so doublings are finite in number and convergence follows from that of MPRGP with a fixed step.
+    """
+    rounding = 16 * jnp.finfo(norm.dtype).eps * jnp.sqrt(ww) * s.scale
+    rose = s.pending & (change > rounding)
+    return s.rises + rose.astype(jnp.int32), jnp.where(rose & (s.rises >= RISES_ALLOWED), 2 * norm, norm)
+
+
+def _judge(pending: Array, sound: Array, curvature: Array, residual: Array, close: Array) -> Array:
+    verdict = jnp.where(close & pending, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    verdict = jnp.where(pending & ~jnp.isfinite(residual), int(Status.NOT_FINITE), verdict)
+    failure = jnp.where(jnp.isfinite(curvature), int(Status.NOT_POSITIVE_DEFINITE), int(Status.NOT_FINITE))
+    return jnp.where(sound, verdict, failure).astype(jnp.int32)
