@@ -1,1 +1,40 @@
 """jaxfem: a differentiable solver for soft bodies, in pure JAX."""
+
+from jaxfem import mesh, rotation, solvers
+from jaxfem.building import AccuracyWarning, build
+from jaxfem.energies import Energies, energies
+from jaxfem.loads import NodalForce, PointForce, Pressure, Traction
+from jaxfem.mesh import TetMesh
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.motion import Motion
+from jaxfem.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.statics import equilibrium
+from jaxfem.stepping import StepError, rollout, step
+
+__all__ = [
+    "AccuracyWarning",
+    "Driven",
+    "Energies",
+    "Model",
+    "Motion",
+    "NodalForce",
+    "Params",
+    "PointForce",
+    "Pressure",
+    "Scene",
+    "SceneError",
+    "SoftBody",
+    "State",
+    "StepError",
+    "StepInfo",
+    "TetMesh",
+    "Traction",
+    "build",
+    "energies",
+    "equilibrium",
+    "mesh",
+    "rollout",
+    "rotation",
+    "solvers",
+    "step",
+]

@@ -19,10 +19,6 @@ from jaxfem.solvers.box import Box, make_box
 from jaxfem.solvers.pcg import default_limit, pcg
 from jaxfem.solvers.status import SolveInfo, Status
 
-RISES_ALLOWED = 5
-"""Projected steps that may raise the objective before only steps of a proven decrease are taken."""
-
-
 @pytree
 class _Rules:
     """What steers the loop; values, so that changing them compiles nothing."""
@@ -35,14 +31,17 @@ class _Rules:
 
 @pytree
 class _State:
-    """Loop state. `pending`: x was projected, g is the gradient before that, p the displacement since."""
+    """Loop state. pending: x was projected, g is still the gradient before that, p the displacement by it.
+
+    short: that projected step was a short gradient step.
+    """
 
     x: Any
     g: Any
     p: Any
     pending: Array
+    short: Array
     norm: Array
-    rises: Array
     scale: Array
     residual: Array
     iteration: Array
@@ -98,11 +97,10 @@ def _minimise(
         return x, SolveInfo(refused, info.iterations, info.residual, info.weakly_active)
     refused = jnp.where(usable, int(Status.ITERATION_LIMIT), int(Status.NOT_POSITIVE_DEFINITE))
     status = jnp.where(box.feasible(), refused, int(Status.INFEASIBLE_BOUNDS)).astype(jnp.int32)
-    zero, none = jnp.zeros((), trees.dtype(b)), jnp.int32(0)
+    zero, yes = jnp.zeros((), trees.dtype(b)), jnp.bool_(True)
     # The first trip is one "after a projection", from a displacement of zero: it makes the gradient of the start.
-    first = _State(
-        box.clip(x), trees.zeros(b), trees.zeros(b), jnp.bool_(True), zero, none, trees.norm(b), zero, none, status
-    )
+    at = box.clip(x), trees.zeros(b), trees.zeros(b)
+    first = _State(*at, yes, ~yes, zero, trees.norm(b), zero, jnp.int32(0), status)
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.iteration < rules.limit)
@@ -119,10 +117,12 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     """One product: either a step along w, x - alpha w, or (s.pending) the gradient A x - b after a projection.
 
     phi, beta: free and chopped gradient. w = p (conjugate direction) where x is proportional, otherwise beta. If the
-    full step leaves the box, its projection is taken, and the next trip computes the gradient there.
+    full step leaves the box, its projection is taken, and the next trip computes the gradient there. If the objective
+    then turns out to have risen, the step is replaced by a short one from the same place.
     """
-    phi, beta = box.split(s.x, s.g)
-    proportional = _proportional(box, rules, s, phi, beta)
+    before = trees.where(s.pending, trees.minus(s.x, s.p), s.x)
+    phi, beta = box.split(before, s.g)
+    proportional = _proportional(box, rules, s, before, phi, beta)
     w = trees.where(s.pending | proportional, s.p, beta)
     Aw = operator(trees.where(s.pending, s.x, w))  # A x where pending
     gw, ww, wAw = trees.dot(s.g, w), trees.dot(w, w), trees.dot(w, Aw)
@@ -131,13 +131,17 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     sound = s.pending | ((wAw > 0) & jnp.isfinite(wAw))
     stepping = ~s.pending & sound
     curvature = jnp.where(stepping, wAw, 1)
-    norm = jnp.where(stepping, jnp.maximum(s.norm, wAw / jnp.where(ww > 0, ww, 1)), s.norm)
     full = trees.plus(s.x, -gw / curvature, w)
-    inside = box.clip(full)
     cut = stepping & ~box.contains(full)
-    short = box.clip(trees.plus(s.x, -rules.step_scale / norm, trees.where(proportional, phi, beta)))
-    x = trees.where(stepping, trees.where(cut & (s.rises >= RISES_ALLOWED), short, inside), s.x)
-    g = trees.where(s.pending, trees.minus(Aw, b), trees.where(cut | ~sound, s.g, trees.plus(s.g, -gw / curvature, Aw)))
+    fresh = trees.minus(Aw, b)
+    rose = s.pending & _rises(s, 0.5 * (gw + trees.dot(w, fresh)), ww)
+    seen = jnp.where(stepping, wAw / jnp.where(ww > 0, ww, 1), 0)
+    norm = jnp.where(rose & s.short, 2, 1) * jnp.maximum(s.norm, seen)
+    rate = rules.step_scale / jnp.where(norm > 0, norm, 1)
+    short = box.clip(trees.plus(before, -rate, trees.where(proportional, phi, beta)))
+    x = trees.where(rose, short, trees.where(stepping, box.clip(full), s.x))
+    known = trees.where(cut | ~sound | rose, s.g, trees.plus(s.g, -gw / curvature, Aw))
+    g = trees.where(s.pending & ~rose, fresh, known)
 
     phi, beta = box.split(x, g)
     residual = jnp.sqrt(trees.dot(phi, phi) + trees.dot(beta, beta))
@@ -146,23 +150,24 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     # p <- phi - (phi'Ap / p'Ap) p after a conjugate step, phi after any other; the displacement after a projection.
     # Convergence is only believed of a gradient just computed: a small recurred one is handed on as if projected.
     conjugate = trees.plus(phi, -jnp.where(proportional, trees.dot(phi, Aw) / curvature, 0), s.p)
-    stepped = trees.where(cut, trees.minus(x, s.x), trees.where(close, trees.zeros(b), conjugate))
-    rises, norm = _guard(rules, s, norm, 0.5 * (gw + trees.dot(w, g)), ww)
+    stepped = trees.where(close, trees.zeros(b), conjugate)
+    p = trees.where(cut | rose, trees.minus(x, before), trees.where(s.pending, phi, stepped))
+    unknown = cut | rose | ~sound
     return _State(
         x=x,
         g=g,
-        p=trees.where(s.pending, phi, stepped),
-        pending=stepping & (cut | close),
+        p=p,
+        pending=rose | (stepping & (cut | close)),
+        short=rose,
         norm=norm,
-        rises=rises,
         scale=scale,
-        residual=jnp.where(cut | ~sound, s.residual, residual),
+        residual=jnp.where(unknown, s.residual, residual),
         iteration=s.iteration + 1,
-        status=_judge(s.pending, sound, wAw, residual, close),
+        status=_judge(s.pending & ~rose, sound, wAw, residual, close),
     )
 
 
-def _proportional(box: Box, rules: _Rules, s: _State, phi: Any, beta: Any) -> Array:
+def _proportional(box: Box, rules: _Rules, s: _State, x: Any, phi: Any, beta: Any) -> Array:
     """Whether beta~'beta <= Gamma^2 phi~'phi; tilde: shortened to what the step 1 / ||A|| could use inside the box."""
     limit = jnp.finfo(s.norm.dtype).max ** 0.5  # stands for a norm not known yet
     rate = jnp.where(s.norm > 0, s.norm / rules.step_scale, limit)
@@ -174,20 +179,18 @@ def _proportional(box: Box, rules: _Rules, s: _State, phi: Any, beta: Any) -> Ar
     def whole(x: Array, v: Array) -> Array:
         return jnp.vdot(v, v, precision=jax.lax.Precision.HIGHEST)
 
-    chopped = box.each(shortened, lambda x, v: None, s.x, beta)
-    free = box.each(shortened, whole, s.x, phi)
+    chopped = box.each(shortened, lambda x, v: None, x, beta)
+    free = box.each(shortened, whole, x, phi)
     return sum(c for c in chopped if c is not None) <= rules.gamma**2 * sum(free)
 
 
-def _guard(rules: _Rules, s: _State, norm: Array, change: Array, ww: Array) -> tuple[Array, Array]:
-    """Count the projected steps that raised the objective; once careful, a rise says that the norm was too small.
+def _rises(s: _State, change: Array, ww: Array) -> Array:
+    """Whether a projected step raised the objective by more than rounding.
 
-    change = 1/2 (g_before + g_after)'(x_after - x_before), exact for a quadratic. A step 1.6 / norm <= 2 / ||A|| never
-    raises it, so doublings are finite in number and convergence follows from that of MPRGP with a fixed step.
+    change = 1/2 (g_before + g_after)'(x_after - x_before), exact for a quadratic. A short step 1.6 / norm <= 2 / ||A||
+    never raises it, so that at most a few doublings of the norm find one that is accepted.
     """
-    rounding = 16 * jnp.finfo(norm.dtype).eps * jnp.sqrt(ww) * s.scale
-    rose = s.pending & (change > rounding)
-    return s.rises + rose.astype(jnp.int32), jnp.where(rose & (s.rises >= RISES_ALLOWED), 2 * norm, norm)
+    return change > 16 * jnp.finfo(change.dtype).eps * jnp.sqrt(ww) * s.scale
 
 
 def _judge(pending: Array, sound: Array, curvature: Array, residual: Array, close: Array) -> Array:

@@ -1,0 +1,43 @@
+"""Corotated elasticity of linear tetrahedra: energy and forces at given positions."""
+
+import jax
+
+from jaxfem.bodies.elements import (
+    Elements,
+    RotationKind,
+    deformation_gradient,
+    rotated_strain,
+    rotation_of,
+    scatter_corner_forces,
+)
+from jaxfem.bodies.material import eigenstiffness
+from jaxfem.tensors import from_eigenbasis, product, times
+
+Array = jax.Array
+
+
+def elastic_energy(
+    elements: Elements, positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
+) -> Array:
+    """Energy of each element, (E,) [J]: V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain in the eigenbasis."""
+    return elastic_response(elements, positions, young, poisson, kind)[0]
+
+
+def elastic_response(
+    elements: Elements, positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
+) -> tuple[Array, Array]:
+    """Energy of each element (E,) [J], and force on the nodes (n, 3) [N]: -V R S grad N_a, S the rotated stress.
+
+    With the nearest rotation the force is minus the gradient of the energy (stress and stretch share axes); with
+    Gram-Schmidt it is the warped force of Mueller & Gross 2004, which has no energy.
+    """
+    deformation = deformation_gradient(elements, positions)
+    rotation = rotation_of(deformation, kind)
+    strain = rotated_strain(deformation, rotation)
+    volumetric, deviatoric = eigenstiffness(young, poisson)
+    impulse = [elements.volumes * w * s for w, s in zip([volumetric, *[deviatoric] * 5], strain, strict=True)]
+    energy = 0.5 * sum(p * s for p, s in zip(impulse, strain, strict=True))
+    stress = product(rotation, from_eigenbasis([-p for p in impulse]))
+    g = elements.gradients
+    forces = [times(stress, [g[a, j] for j in range(3)]) for a in (1, 2, 3)]
+    return energy, scatter_corner_forces(elements, forces, positions.shape[0])

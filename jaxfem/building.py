@@ -1,0 +1,229 @@
+"""build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
+
+import warnings
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.bodies.elements import Elements, shape_gradients
+from jaxfem.loads import FacePressure, Load, NodalForce, PointForce, Pressure, Traction, WeightedForce
+from jaxfem.mesh import locate
+from jaxfem.model import Model, Params, State
+from jaxfem.motion import Motion
+from jaxfem.routes.assembly import sparsity
+from jaxfem.scene import Scene, SceneError, SoftBody
+
+SOLVERS = ("auto", "condensed", "mprgp")
+SCHEMES = ("backward_euler",)
+
+
+class AccuracyWarning(UserWarning):
+    """The scene will run, but its discretisation is known to be biased there."""
+
+
+def build(
+    scene: Scene,
+    *,
+    solver: str = "auto",
+    scheme: str = "backward_euler",
+    dtype: Any = None,
+    tolerance: float | None = None,
+    max_iterations: int = 20_000,
+) -> tuple[Model, Params, State]:
+    """Turn a scene into the model, params and initial state that `step` takes.
+
+    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto". `dtype`: float32 or float64;
+    JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64 and 1e-5 in float32
+    when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known bias.
+    """
+    _check_choice("solver", solver, SOLVERS)
+    _check_choice("scheme", scheme, SCHEMES)
+    dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
+    _check_numbers(dtype, tolerance, max_iterations)
+    bodies, names = list(scene.bodies), _names(scene.bodies)
+    for body, name in zip(bodies, names, strict=True):
+        _check_body(body, name)
+    _check_same(bodies, "rotation")
+    offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme)
+    params = _params(scene, bodies, dtype)
+    velocities = np.concatenate(
+        [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
+    )
+    impulses = (jnp.zeros((6, model.elements.count), dtype),) if model.solver == "mprgp" else None
+    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
+    return model, params, state
+
+
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme) -> Model:
+    points = np.concatenate([b.mesh.points for b in bodies])
+    cells = np.concatenate([b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)])
+    gradients, volumes = shape_gradients(points, cells)
+    nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
+    driven = [
+        b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven
+    ]
+    held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
+    _check_disjoint(driven)
+    free = np.ones(len(points))
+    free[np.concatenate([*held, *driven]).astype(int)] = 0
+    body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
+    elements = Elements(
+        jnp.asarray(cells, jnp.int32),
+        jnp.asarray(gradients.transpose(1, 2, 0), dtype),
+        jnp.asarray(volumes, dtype),
+        jnp.asarray(body_of_element, jnp.int32),
+    )
+    if tolerance is None:
+        tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
+    return Model(
+        rest=jnp.asarray(points, dtype),
+        elements=elements,
+        nodal_volumes=jnp.asarray(nodal_volumes, dtype),
+        node_body=jnp.asarray(np.repeat(np.arange(len(bodies)), np.diff(offsets)), jnp.int32),
+        free=jnp.asarray(free, dtype),
+        pattern=sparsity(cells, len(points)),
+        loads=tuple(
+            _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
+        ),
+        driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
+        tolerance=jnp.asarray(tolerance, dtype),
+        max_iterations=jnp.asarray(max_iterations, jnp.int32),
+        solver="condensed" if solver == "auto" else solver,
+        scheme=scheme,
+        rotation=bodies[0].rotation,  # type: ignore[arg-type]
+        bodies=tuple(names),
+    )
+
+
+def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
+    def cast(motion: Motion) -> Motion:
+        return jax.tree.map(
+            lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
+        )
+
+    values = {name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")}
+    return Params(
+        **values,
+        gravity=jnp.asarray(scene.gravity, dtype),
+        loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
+        motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
+    )
+
+
+def _material(bodies: Sequence[SoftBody], name: str, dtype: Any) -> jax.Array:
+    """A scalar for one body, one number a body, or one an element where any body asks for that."""
+    values = [np.asarray(getattr(b, name), float) for b in bodies]
+    if any(v.ndim for v in values):
+        spread = [np.broadcast_to(v, len(b.mesh.cells)) for v, b in zip(values, bodies, strict=True)]
+        return jnp.asarray(np.concatenate(spread), dtype)
+    return jnp.asarray(values[0] if len(values) == 1 else np.stack(values), dtype)
+
+
+def _resolved(load: Load, body: SoftBody, offset: int, dtype: Any) -> WeightedForce | FacePressure:
+    """Node indices and weights of a declared load."""
+    mesh = body.mesh
+    if isinstance(load, NodalForce):
+        nodes = body.nodes_of("load", load.nodes)
+        _check_value(body, load.force, ((3,), (len(nodes), 3)), "force of a NodalForce")
+        return _weighted(nodes + offset, np.ones(len(nodes)), dtype)
+    if isinstance(load, PointForce):
+        _check_value(body, load.point, ((3,),), "point of a PointForce")
+        _check_value(body, load.force, ((3,),), "force of a PointForce")
+        cell, weights, distance = locate(mesh.points, mesh.cells, np.asarray(load.point, float)[None])
+        if distance[0] > 1e-6 * np.ptp(mesh.points, axis=0).max():
+            raise SceneError(
+                f'a PointForce of "{body.label}" acts at {tuple(load.point)}, {distance[0]:.3g} m outside the body'
+            )
+        return _weighted(mesh.cells[cell[0]] + offset, weights[0], dtype)
+    faces = mesh.faces(load.faces) if isinstance(load.faces, str) else _checked_faces(body, load.faces)
+    if isinstance(load, Pressure):
+        _check_value(body, load.pressure, ((),), "pressure of a Pressure")
+        return FacePressure(jnp.asarray(faces + offset, jnp.int32))
+    _check_value(body, load.traction, ((3,),), "traction of a Traction")
+    a, b, c = (mesh.points[faces[:, i]] for i in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return _weighted(faces.ravel() + offset, np.repeat(area / 3, 3), dtype)
+
+
+def _weighted(nodes: np.ndarray, weights: np.ndarray, dtype: Any) -> WeightedForce:
+    return WeightedForce(jnp.asarray(nodes, jnp.int32), jnp.asarray(weights, dtype))
+
+
+def _load_value(load: Load) -> Any:
+    if isinstance(load, Traction):
+        return load.traction
+    return load.pressure if isinstance(load, Pressure) else load.force
+
+
+def _checked_faces(body: SoftBody, faces: Any) -> np.ndarray:
+    array = np.asarray(faces)
+    known = {tuple(sorted(f)) for f in body.mesh.surface.tolist()}
+    if array.ndim != 2 or array.shape[1] != 3 or not all(tuple(sorted(f)) in known for f in array.tolist()):
+        raise SceneError(
+            f'faces of a load on "{body.label}" must be triangles (k, 3) of its surface; see mesh.surface, or name one '
+            f"of its face groups: {', '.join(body.mesh.face_groups) or 'none'}"
+        )
+    return array
+
+
+def _check_value(body: SoftBody, value: Any, shapes: tuple, what: str) -> None:
+    array = np.asarray(value, dtype=float)
+    if array.shape not in shapes or not np.isfinite(array).all():
+        raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')
+
+
+def _check_body(body: SoftBody, name: str) -> None:
+    size = np.ptp(body.mesh.points, axis=0).max()
+    if not 1e-6 < size < 1e5:
+        raise SceneError(
+            f'"{name}" is {size:.3g} m long: lengths are in metres. Rescale with mesh.scaled(factor) or read(..., scale=)'
+        )
+    poisson = np.max(body.poisson)
+    if body.strain == "element" and poisson > 0.45:
+        warnings.warn(
+            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it will be '
+            "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+
+
+def _check_same(bodies: Sequence[SoftBody], what: str) -> None:
+    if len({getattr(b, what) for b in bodies}) > 1:
+        raise SceneError(f"bodies of one scene must share `{what}`; got {[getattr(b, what) for b in bodies]}")
+
+
+def _check_disjoint(driven: Sequence[np.ndarray]) -> None:
+    together = np.concatenate([np.zeros(0, int), *driven])
+    unique, counts = np.unique(together, return_counts=True)
+    if (counts > 1).any():
+        raise SceneError(f"node {unique[counts > 1][0]} follows two prescribed motions; give each node at most one")
+
+
+def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise SceneError(f"{what} is {value!r}; known: {', '.join(known)}")
+
+
+def _check_numbers(dtype: Any, tolerance: float | None, max_iterations: int) -> None:
+    if dtype not in (jnp.float32, jnp.float64):
+        raise SceneError(f"dtype is {dtype}; use float32 or float64")
+    if dtype == jnp.float64 and not jax.config.jax_enable_x64:
+        raise SceneError("float64 needs jax.config.update('jax_enable_x64', True) before the first JAX call")
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise SceneError(f"tolerance is {tolerance}; it is a relative residual between 0 and 1, like 1e-6")
+    if max_iterations < 1:
+        raise SceneError(f"max_iterations is {max_iterations}; give at least 1")
+
+
+def _names(bodies: Sequence[SoftBody]) -> list[str]:
+    """Labels made unique by numbering repeated ones."""
+    labels = [b.label for b in bodies]
+    return [
+        label if labels.count(label) == 1 else f"{label}_{labels[: i + 1].count(label)}"
+        for i, label in enumerate(labels)
+    ]

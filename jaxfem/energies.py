@@ -1,0 +1,36 @@
+"""Energies of a state, for plots, checks and the static solver."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.bodies.elasticity import elastic_energy
+from jaxfem.model import Model, Params, State, nodal_mass, per_element
+from jaxfem.pytrees import pytree
+
+Array = jax.Array
+
+
+@pytree
+class Energies:
+    """`kinetic`, `elastic` and `gravity` (potential, zero at the undeformed place) [J]."""
+
+    kinetic: Array
+    elastic: Array
+    gravity: Array
+
+
+def energies(model: Model, params: Params, state: State) -> Energies:
+    """Energies of a state [J]."""
+    mass = nodal_mass(model, params.density)
+    weight = mass[:, None] * params.gravity
+    return Energies(
+        kinetic=0.5 * jnp.sum(mass[:, None] * state.velocities**2),
+        elastic=total_elastic_energy(model, params, state.positions),
+        gravity=-jnp.sum(weight * (state.positions - model.rest)),
+    )
+
+
+def total_elastic_energy(model: Model, params: Params, positions: Array) -> Array:
+    """Elastic energy of all bodies at `positions` (n, 3) [J]."""
+    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
+    return jnp.sum(elastic_energy(model.elements, positions, young, poisson, model.rotation))

@@ -1,0 +1,119 @@
+"""What `build` returns: the model (topology and configuration), params (what users fit and sweep), and the state."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.bodies.elements import Elements, RotationKind
+from jaxfem.pytrees import pytree, static
+
+Array = jax.Array
+
+
+@pytree
+class Params:
+    """The numbers that users differentiate, fit and sweep.
+
+    `young` [Pa], `poisson`, `damping` [s] and `density` [kg/m^3] are each a scalar (all bodies), an array (bodies,) or
+    an array (elements,). `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
+    """
+
+    young: Array
+    poisson: Array
+    density: Array
+    damping: Array
+    gravity: Array
+    loads: tuple = ()
+    motions: tuple = ()
+
+
+@pytree
+class State:
+    """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
+
+    `impulses` warm-starts the row solver; None with solvers that do not use it. It never affects the solution.
+    """
+
+    positions: Array
+    velocities: Array
+    time: Array
+    impulses: Any = None
+
+
+@pytree
+class Pattern:
+    """Where the assembled matrix has its 3x3 blocks: each node's neighbours in padded rows, itself first.
+
+    `neighbours` (n, width); `slots` (12, E): flat slot of each element's block (a, b), a != b, in `PAIRS` order of
+    `assembly.py`.
+    """
+
+    neighbours: Array
+    slots: Array
+
+
+@pytree
+class Model:
+    """Topology and configuration of a built scene; arrays are leaves, only flags are static.
+
+    `rest` (n, 3) undeformed nodes [m], `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves
+    by its own dynamics and 0 where it is fixed or driven, `driven`: node indices of each prescribed motion.
+    """
+
+    rest: Array
+    elements: Elements
+    nodal_volumes: Array
+    node_body: Array
+    free: Array
+    pattern: Pattern
+    loads: tuple
+    driven: tuple
+    tolerance: Array
+    max_iterations: Array
+    solver: str = static()
+    scheme: str = static()
+    rotation: RotationKind = static()
+    bodies: tuple[str, ...] = static()
+
+    @property
+    def nodes(self) -> int:
+        """Number of nodes of all bodies."""
+        return self.rest.shape[0]
+
+    def body_nodes(self, name: str) -> Array:
+        """Indices of the nodes of the body `name`; host side."""
+        return jnp.flatnonzero(self.node_body == self.bodies.index(name))
+
+
+@pytree
+class StepInfo:
+    """How a step went: `status` (see `jaxfem.solvers.describe`), `iterations`, relative `residual`, counts of rows
+    exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step."""
+
+    status: Array
+    iterations: Array
+    residual: Array
+    weakly_active: Array
+    inverted: Array
+
+
+def per_element(model: Model, value: Array) -> Array:
+    """A material value (scalar, one a body, or one an element) as one number an element, (E,)."""
+    value = jnp.asarray(value)
+    elements = model.elements
+    if value.ndim == 0 or value.shape == (1,):
+        return jnp.broadcast_to(value.reshape(()), (elements.count,))
+    return value if value.shape == (elements.count,) else value[elements.body]
+
+
+def nodal_mass(model: Model, density: Array) -> Array:
+    """Lumped mass of each node, (n,) [kg]: each element's mass shared by its four corners."""
+    density = jnp.asarray(density)
+    if density.ndim == 0 or density.shape == (1,):
+        return density.reshape(()) * model.nodal_volumes
+    elements = model.elements
+    if density.shape != (elements.count,):
+        return density[model.node_body] * model.nodal_volumes
+    quarter = density * elements.volumes / 4
+    return jnp.zeros_like(model.nodal_volumes).at[elements.cells].add(quarter[:, None])

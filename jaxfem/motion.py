@@ -1,0 +1,35 @@
+"""Prescribed motion of nodes as a function of time, with differentiable numbers."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree
+from jaxfem.rotation import rotation_vector_to_matrix
+
+Array = jax.Array
+
+
+@pytree
+class Motion:
+    """Motion of a driven set of nodes: u(t) = velocity t + amplitude (sin(2 pi f t + phase) - sin(phase)), and a turn.
+
+    `velocity` (3,) [m/s], `amplitude` (3,) [m], `frequency` [Hz], `phase` [rad], `angular_velocity` (3,) [rad/s] about
+    the point `center` (3,) [m]. All zero: the nodes are held where they are.
+    """
+
+    velocity: Any = (0.0, 0.0, 0.0)
+    amplitude: Any = (0.0, 0.0, 0.0)
+    frequency: Any = 0.0
+    phase: Any = 0.0
+    angular_velocity: Any = (0.0, 0.0, 0.0)
+    center: Any = (0.0, 0.0, 0.0)
+
+
+def displaced(motion: Motion, rest: Array, time: Array) -> Array:
+    """Where `motion` puts points that start at `rest` (k, 3) at `time` [s]: (k, 3)."""
+    turn = rotation_vector_to_matrix(motion.angular_velocity * time)
+    angle = 2 * jnp.pi * motion.frequency * time + motion.phase
+    shift = motion.velocity * time + motion.amplitude * (jnp.sin(angle) - jnp.sin(motion.phase))
+    return motion.center + (rest - motion.center) @ turn.T + shift

@@ -1,0 +1,95 @@
+"""One step as a condition on the end-of-step velocity, the same for every route to its solution."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.loads import load_force
+from jaxfem.model import Model, Params, Pattern, State, nodal_mass, per_element
+from jaxfem.motion import displaced
+from jaxfem.pytrees import pytree
+from jaxfem.rows.base import Rows, total_impulse
+from jaxfem.rows.elastic import elastic_rows
+
+Array = jax.Array
+
+
+@pytree
+class System:
+    """One step, prepared: rows at the start-of-step configuration and everything else a route needs.
+
+    `rows`: tuple of kinds, elastic first. `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s];
+    `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left.
+    """
+
+    rows: tuple[Rows, ...]
+    mass: Array
+    target: Array
+    prescribed: Array
+    free: Array
+    floor: Array
+    pattern: Pattern
+    tolerance: Array
+    max_iterations: Array
+
+
+def step_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> System:
+    """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None."""
+    mass = nodal_mass(model, params.density)
+    load = dt * external_force(model, params, state.positions, forces)
+    prescribed = prescribed_velocity(model, params, state.time, dt)
+    free = model.free[:, None] > 0
+    return System(
+        rows=(_elastic(model, params, state, dt),),
+        mass=mass,
+        target=jnp.where(free, state.velocities + load / mass[:, None], prescribed),
+        prescribed=prescribed,
+        free=model.free,
+        floor=_rounding_floor(mass, load, state.velocities),
+        pattern=model.pattern,
+        tolerance=model.tolerance,
+        max_iterations=model.max_iterations,
+    )
+
+
+def merged(system: System, unknown: Array) -> Array:
+    """Velocities of all nodes from the unknown on the free ones, (n, 3)."""
+    return jnp.where(system.free[:, None] > 0, unknown, system.prescribed)
+
+
+def momentum_gradient(system: System, unknown: Array) -> Array:
+    """Gradient of the primal objective, (n, 3) [N s]: M (v - v*) - J' clip((c - J v) / C, lower, upper).
+
+    Fixed nodes carry M times the unknown, so that the Hessian stays symmetric positive definite and they solve to 0.
+    """
+    velocities = merged(system, unknown)
+    mass = system.mass[:, None]
+    residual = mass * (velocities - system.target) - total_impulse(system.rows, velocities)
+    return jnp.where(system.free[:, None] > 0, residual, mass * unknown)
+
+
+def external_force(model: Model, params: Params, positions: Array, forces: Array | None = None) -> Array:
+    """Gravity, declared loads and extra nodal forces, (n, 3) [N]."""
+    weight = nodal_mass(model, params.density)[:, None] * params.gravity
+    total = weight + load_force(model.loads, params.loads, positions)
+    return total if forces is None else total + forces
+
+
+def prescribed_velocity(model: Model, params: Params, time: Array, dt: Array) -> Array:
+    """Velocities that fixed and driven nodes have over a step from `time` [s], (n, 3); zero elsewhere."""
+    velocity = jnp.zeros_like(model.rest)
+    for nodes, motion in zip(model.driven, params.motions, strict=True):
+        rest = model.rest[nodes]
+        shift = displaced(motion, rest, time + dt) - displaced(motion, rest, time)
+        velocity = velocity.at[nodes].set(shift / dt)
+    return velocity
+
+
+def _elastic(model: Model, params: Params, state: State, dt: Array) -> Rows:
+    young, poisson, damping = (per_element(model, v) for v in (params.young, params.poisson, params.damping))
+    return elastic_rows(model.elements, state.positions, young, poisson, damping, dt, model.rotation)
+
+
+def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:
+    """At rest forces cancel, and a residual relative to their sum would mean nothing: this bounds it from below."""
+    size = jnp.linalg.norm(load) + jnp.linalg.norm(mass[:, None] * velocities)
+    return jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * size)

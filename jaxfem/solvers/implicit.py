@@ -1,0 +1,70 @@
+"""One derivative rule for every solver: differentiate the condition that the solution meets, not the iterations."""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax.ad_checkpoint import checkpoint_name
+
+Array = jax.Array
+
+SOLUTION = "jaxfem_solution"
+"""Name under which solutions are marked, so that checkpointing can keep them and recompute everything else."""
+
+
+class Condition(Protocol):
+    """A condition gradient(inputs, unknown) = 0 and ways of solving it; hashable, holds no arrays."""
+
+    symmetric: bool
+
+    def gradient(self, inputs: Any, unknown: Array) -> Array:
+        """The residual, zero at the solution; differentiable in both arguments."""
+
+    def solve(self, inputs: Any, guess: Array) -> tuple[Array, Any]:
+        """The solution and its info; may use any loop, is never differentiated."""
+
+    def tangent_solve(self, inputs: Any, unknown: Array, right: Array, matvec: Callable[[Array], Array]) -> Array:
+        """Solve (d gradient / d unknown) y = right at the solution; its own arithmetic is never differentiated.
+
+        `matvec` is that Jacobian, or its transpose when a condition without symmetry is differentiated backwards.
+        """
+
+
+@partial(jax.custom_jvp, nondiff_argnums=(0,))
+def implicit_solution(condition: Condition, inputs: Any, guess: Array) -> tuple[Array, Any]:
+    """Solve the condition for the unknown; differentiable in `inputs` by the implicit function theorem.
+
+    Returns (solution, info). `guess` only starts the solver and gets no derivative. Forward, reverse and nested
+    derivatives work; each costs one linear solve of the same kind. Source: Christianson 1994; Griewank & Walther 2008.
+    """
+    return condition.solve(inputs, guess)
+
+
+@implicit_solution.defjvp
+def _implicit_jvp(condition: Condition, primals: tuple, tangents: tuple) -> tuple:
+    inputs, guess = primals
+    unknown, info = implicit_solution(condition, inputs, guess)
+    unknown = checkpoint_name(unknown, SOLUTION)
+    # gradient(inputs, unknown) = 0   =>   H d unknown = -(d gradient / d inputs) d inputs
+    _, right = jax.jvp(lambda i: condition.gradient(i, unknown), (inputs,), (tangents[0],))
+
+    def hessian(direction: Array) -> Array:
+        return jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (direction,))[1]
+
+    def solve(matvec: Callable[[Array], Array], vector: Array) -> Array:
+        frozen = jax.lax.stop_gradient(inputs), jax.lax.stop_gradient(unknown)
+        return condition.tangent_solve(*frozen, vector, matvec)
+
+    tangent = jax.lax.custom_linear_solve(
+        hessian, -right, solve, transpose_solve=solve, symmetric=condition.symmetric
+    )
+    return (unknown, info), (tangent, jax.tree.map(_zero_tangent, info))
+
+
+def _zero_tangent(value: Array) -> Any:
+    if jnp.issubdtype(jnp.result_type(value), jnp.inexact):
+        return jnp.zeros_like(value)
+    return np.zeros(jnp.shape(value), jax.dtypes.float0)

@@ -1,0 +1,110 @@
+"""Newton's method with truncated conjugate gradients and a line search, for minima of smooth energies."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree
+from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo, Status
+
+Array = jax.Array
+Operator = Callable[[Array], Array]
+
+_SHORTEST = 1e-8
+_DESCENT = 1e-4
+
+
+@pytree
+class Evaluation:
+    """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, the dead `load`
+    (the part of -gradient that is not in the energy), and the `scale` that residuals and rounding are measured by."""
+
+    energy: Array
+    gradient: Array
+    load: Array
+    scale: Array
+
+
+@pytree
+class _State:
+    x: Array
+    here: Evaluation
+    direction: Array
+    length: Array
+    iteration: Array
+    status: Array
+
+
+def minimize_newton(
+    evaluate: Callable[[Array], Evaluation],
+    tangent: Callable[[Array], tuple[Operator, Operator]],
+    start: Array,
+    *,
+    tol: Any,
+    max_iterations: Any = 200,
+    max_inner: Any = 10_000,
+) -> tuple[Array, SolveInfo]:
+    """Find x with ||gradient|| <= tol scale, descending the energy less the work of the (momentarily frozen) load.
+
+    `tangent(x)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop early far from the solution
+    (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983). Returns x and an info whose iterations count
+    Newton steps and trial points, and whose residual is relative to scale.
+    """
+
+    def direction_at(x: Array, here: Evaluation) -> Array:
+        return _direction(*tangent(x), here, max_inner)
+
+    def judge(here: Evaluation) -> Array:
+        residual = jnp.linalg.norm(here.gradient) / here.scale
+        code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+        return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
+
+    def trip(s: _State) -> _State:
+        # One trial point a trip: either it is good and a new direction starts there, or the step is halved.
+        x = s.x + s.length * s.direction
+        there = evaluate(x)
+        good = _accepted(s, x, there)
+        x = jnp.where(good, x, s.x)
+        here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
+        length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
+        status = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here)).astype(jnp.int32)
+        again = good & (status == Status.ITERATION_LIMIT)
+        direction = jax.lax.cond(again, direction_at, lambda *_: s.direction, x, here)
+        return _State(x, here, direction, length, s.iteration + 1, status)
+
+    # The first trial is the start itself, so that `evaluate` is compiled once.
+    blank = jax.tree.map(lambda a: jnp.full(a.shape, jnp.inf, a.dtype), jax.eval_shape(evaluate, start))
+    limit = jnp.int32(Status.ITERATION_LIMIT)
+    first = _State(start, blank, jnp.zeros_like(start), jnp.ones((), start.dtype), jnp.int32(0), limit)
+    last = jax.lax.while_loop(
+        lambda s: (s.status == Status.ITERATION_LIMIT) & (s.iteration < max_iterations), trip, first
+    )
+    residual = jnp.linalg.norm(last.here.gradient) / last.here.scale
+    return last.x, SolveInfo(last.status, last.iteration, residual, jnp.int32(0))
+
+
+def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> Array:
+    """Truncated Newton direction; the preconditioned gradient where curvature is negative at once."""
+    residual = jnp.linalg.norm(here.gradient) / here.scale
+    tolerance = jnp.clip(jnp.sqrt(residual), 1e-5, 0.1)
+    direction, _ = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
+    usable = jnp.isfinite(direction).all() & (jnp.vdot(direction, here.gradient) < 0)
+    return jnp.where(usable, direction, precondition(-here.gradient))
+
+
+def _accepted(s: _State, x: Array, there: Evaluation) -> Array:
+    """Whether a trial point lowers the energy enough or, at rounding level, the gradient; the start always passes."""
+    here = s.here
+    start = jnp.isinf(here.energy)
+    here = jax.tree.map(lambda a: jnp.where(start, 0.0, a), here)
+    slope = s.length * jnp.vdot(here.gradient, s.direction)
+    change = there.energy - here.energy - s.length * jnp.vdot(here.load, s.direction)
+    # Energies are known to about the rounding of positions times the forces on them.
+    noise = 8 * jnp.finfo(x.dtype).eps * (jnp.abs(here.energy) + here.scale * jnp.linalg.norm(x))
+    flat = jnp.abs(slope) <= noise
+    calmer = jnp.linalg.norm(there.gradient) < jnp.linalg.norm(here.gradient)
+    finite = jnp.isfinite(there.gradient).all()
+    return start | (finite & jnp.where(flat, calmer, change <= _DESCENT * slope))

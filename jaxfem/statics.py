@@ -1,0 +1,125 @@
+"""equilibrium: where a scene rests, by Newton's method on the corotated energy; differentiable by the implicit rule."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.bodies.elasticity import elastic_response
+from jaxfem.loads import FacePressure
+from jaxfem.model import Model, Params, State, StepInfo, per_element
+from jaxfem.pytrees import pytree
+from jaxfem.routes.assembly import assemble, row_blocks, tangent_blocks
+from jaxfem.routes.condensed import block_jacobi
+from jaxfem.routes.system import external_force
+from jaxfem.rows.elastic import elastic_rows
+from jaxfem.solvers.implicit import implicit_solution
+from jaxfem.solvers.newton import Evaluation, minimize_newton
+from jaxfem.solvers.pcg import pcg
+from jaxfem.stepping import StepError, check_call, inverted_elements
+
+Array = jax.Array
+
+
+@pytree
+class _StaticInputs:
+    model: Model
+    params: Params
+    held: Array  # positions (n, 3) that fixed nodes keep
+    forces: Array | None
+
+
+class _Equilibrium:
+    """f_elastic(x) + f_external(x) = 0 on free nodes; `symmetric` where a potential exists."""
+
+    def __init__(self, symmetric: bool):
+        self.symmetric = symmetric
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _Equilibrium) and other.symmetric == self.symmetric
+
+    def __hash__(self) -> int:
+        return hash(self.symmetric)
+
+    def gradient(self, inputs: _StaticInputs, unknown: Array) -> Array:
+        """Minus the force on free nodes (n, 3) [N]; fixed ones carry a spring to zero, so that the Hessian is regular."""
+        return _evaluate(inputs, unknown).gradient
+
+    def solve(self, inputs: _StaticInputs, guess: Array) -> tuple[Array, Any]:
+        return minimize_newton(
+            lambda x: _evaluate(inputs, x),
+            lambda x: _tangent(inputs, x),
+            guess * inputs.model.free[:, None],
+            tol=inputs.model.tolerance,
+            max_inner=inputs.model.max_iterations,
+        )
+
+    def tangent_solve(self, inputs: _StaticInputs, unknown: Array, right: Array, matvec: Any) -> Array:
+        hessian, precondition = _tangent(inputs, unknown)
+        tol, limit = inputs.model.tolerance, inputs.model.max_iterations
+        if self.symmetric:
+            return pcg(hessian, right, precondition, tol=tol, max_iterations=limit)[0]
+        return jax.scipy.sparse.linalg.gmres(matvec, right, M=precondition, tol=tol, restart=60, maxiter=200)[0]
+
+
+def equilibrium(
+    model: Model, params: Params, state: State, *, forces: Any = None
+) -> tuple[State, StepInfo]:
+    """Where the scene rests under its loads: (state at rest, info).
+
+    Starts from `state.positions`; fixed and driven nodes stay where `state` has them; velocities come out zero.
+    `forces` (n, 3) [N]: extra nodal forces. Differentiable in params, the fixed nodes' positions and forces. Every body
+    needs enough fixed nodes to be held: otherwise the status says that no equilibrium was found.
+    """
+    if model.rotation != "polar":
+        raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
+    check_call(model, state, 1.0, forces)
+    return _equilibrium(model, params, state, forces)
+
+
+@jax.jit
+def _equilibrium(model: Model, params: Params, state: State, forces: Array | None):
+    symmetric = not any(isinstance(load, FacePressure) for load in model.loads)
+    inputs = _StaticInputs(model, params, state.positions, forces)
+    guess = jax.lax.stop_gradient(state.positions)
+    unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
+    positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
+    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions))  # type: ignore[attr-defined]
+    inverted = inverted_elements(model, positions)
+    return rest, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
+
+
+def _material(inputs: _StaticInputs) -> tuple[Array, Array]:
+    return per_element(inputs.model, inputs.params.young), per_element(inputs.model, inputs.params.poisson)
+
+
+def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
+    model = inputs.model
+    free = model.free[:, None] > 0
+    positions = jnp.where(free, unknown, inputs.held)
+    energy, force = elastic_response(model.elements, positions, *_material(inputs))
+    load = external_force(model, inputs.params, positions, inputs.forces)
+    gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
+    # What has to balance: loads, and the elastic forces that supports and neighbours take.
+    floor = jnp.finfo(unknown.dtype).eps * _typical_stiffness(inputs) * jnp.linalg.norm(positions)
+    scale = jnp.linalg.norm(load) + jnp.linalg.norm(force) + floor
+    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale)
+
+
+def _typical_stiffness(inputs: _StaticInputs) -> Array:
+    """Stiffness of an average node [N/m], so that fixed nodes do not spoil the scaling."""
+    length = jnp.mean(inputs.model.elements.volumes) ** (1 / 3)
+    return jax.lax.stop_gradient(jnp.mean(_material(inputs)[0]) * length)
+
+
+def _tangent(inputs: _StaticInputs, unknown: Array):
+    """Products with the exact Hessian, and with the inverse blocks of the warped stiffness, which is always SPD."""
+    model = inputs.model
+    positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)
+    young, poisson = _material(inputs)
+    pad = jnp.where(model.free > 0, 0.0, _typical_stiffness(inputs)).astype(positions.dtype)
+    hessian = assemble(tangent_blocks(model.elements, positions, young, poisson), pad, model.free, model.pattern)
+    unit, none = jnp.ones((), young.dtype), jnp.zeros_like(young)
+    rows = elastic_rows(model.elements, positions, young, poisson, none, unit)
+    warped = assemble(row_blocks(rows), pad, model.free, model.pattern)
+    return hessian.apply, block_jacobi(warped)

@@ -1,0 +1,155 @@
+"""step and rollout: pure, jitted, differentiable in every float of params and state."""
+
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.bodies.elements import deformation_gradient
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.routes.condensed import solve_condensed, solve_linear
+from jaxfem.routes.dual import solve_dual
+from jaxfem.routes.system import System, merged, momentum_gradient, step_system
+from jaxfem.solvers.implicit import SOLUTION, implicit_solution
+from jaxfem.tensors import determinant
+
+Array = jax.Array
+
+
+class StepError(ValueError):
+    """A call of `step` or `rollout` that cannot be right; the message says what to change."""
+
+
+class _StepCondition:
+    """The step's condition, with the route that solves it; compared by route, so that equal steps share a program."""
+
+    symmetric = True
+
+    def __init__(self, route: str):
+        self.route = route
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, _StepCondition) and other.route == self.route
+
+    def __hash__(self) -> int:
+        return hash(self.route)
+
+    def gradient(self, system: System, unknown: Array) -> Array:
+        return momentum_gradient(system, unknown)
+
+    def solve(self, system: System, guess: Any) -> tuple[Array, Any]:
+        return (solve_dual if self.route == "mprgp" else solve_condensed)(system, guess)
+
+    def tangent_solve(self, system: System, unknown: Array, right: Array, matvec: Any) -> Array:
+        return solve_linear(system, right)[0]
+
+
+def step(
+    model: Model, params: Params, state: State, dt: Any, *, forces: Any = None
+) -> tuple[State, StepInfo]:
+    """Advance by one time step `dt` [s]: (next state, info).
+
+    `forces` (n, 3) [N]: extra nodal forces, held over the step. Differentiable (jvp, vjp, nested) in params, state, dt
+    and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`.
+    Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
+    """
+    check_call(model, state, dt, forces)
+    return _step(model, params, state, jnp.asarray(dt, model.rest.dtype), forces)
+
+
+@jax.jit
+def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
+    system = step_system(model, params, state, dt, forces)
+    guess = jax.lax.stop_gradient(state.impulses if model.solver == "mprgp" else state.velocities)
+    unknown, (info, impulses) = implicit_solution(_StepCondition(model.solver), system, guess)
+    velocities = merged(system, unknown)
+    following = state.replace(  # type: ignore[attr-defined]
+        positions=state.positions + dt * velocities,
+        velocities=velocities,
+        time=state.time + dt,
+        impulses=jax.lax.stop_gradient(impulses),
+    )
+    return following, StepInfo(
+        info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, state.positions)
+    )
+
+
+def inverted_elements(model: Model, positions: Array) -> Array:
+    """Number of elements turned inside out at `positions` (n, 3)."""
+    return jnp.sum(determinant(deformation_gradient(model.elements, positions)) <= 0)
+
+
+def rollout(
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Any,
+    steps: int,
+    *,
+    every: int = 1,
+    forces: Any = None,
+    checkpoint: int | None = None,
+) -> tuple[State, StepInfo]:
+    """Take `steps` steps of `dt` [s]; returns (states, infos) with a leading axis of the steps // every saved frames.
+
+    Every `every`-th state is saved, and the worst info of the steps since the last. `forces`: (n, 3) constant, or
+    (steps, n, 3) [N]. Reverse derivatives keep each step's state and solution and recompute the rest; with
+    `checkpoint` = k (a multiple of `every`, dividing `steps`) only every k-th state is kept, for one more forward run.
+    """
+    check_call(model, state, dt, None if forces is None else jnp.asarray(forces)[..., :, :].reshape(-1, *model.rest.shape)[0])
+    _check_rollout(steps, every, checkpoint)
+    if forces is not None:
+        forces = jnp.asarray(forces, model.rest.dtype)
+        if forces.ndim == 3 and forces.shape[0] != steps:
+            raise StepError(f"forces has {forces.shape[0]} rows for {steps} steps")
+    return _rollout(model, params, state, jnp.asarray(dt, model.rest.dtype), forces, steps, every, checkpoint)
+
+
+@partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
+def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
+    varying = forces is not None and forces.ndim == 3
+    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
+
+    @partial(jax.checkpoint, policy=keep)
+    def one(carry: State, force: Array | None):
+        return _step(model, params, carry, dt, force if varying else forces)
+
+    def frame(carry: State, force: Array | None):
+        following, infos = jax.lax.scan(one, carry, force, length=every)
+        return following, (following, worst(infos))
+
+    def block(carry: State, force: Array | None):
+        return jax.lax.scan(frame, carry, force, length=(checkpoint or steps) // every)
+
+    per_block = (checkpoint or steps) // every
+    blocks = steps // (checkpoint or steps)
+    sliced = forces.reshape(blocks, per_block, every, *forces.shape[1:]) if varying else None
+    if checkpoint is None:
+        return block(state, None if sliced is None else sliced[0])[1]
+    _, saved = jax.lax.scan(jax.checkpoint(block), state, sliced, length=blocks)
+    return jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
+
+
+def worst(infos: StepInfo) -> StepInfo:
+    """One info for several: the first status that is not 0, the largest of everything else."""
+    first = jnp.argmax(infos.status != 0)
+    largest = jax.tree.map(lambda leaf: jnp.max(leaf, axis=0), infos)
+    return largest.replace(status=infos.status[first])  # type: ignore[attr-defined]
+
+
+def check_call(model: Model, state: State, dt: Any, forces: Any) -> None:
+    """Refuse a time step or arrays that cannot be right; values inside jit are not looked at."""
+    if not isinstance(dt, jax.core.Tracer) and not (jnp.ndim(dt) == 0 and 0 < float(dt) < float("inf")):
+        raise StepError(f"dt is {dt}; give a positive time step in seconds, like 1e-2")
+    shape = model.rest.shape
+    for name, value in (("positions", state.positions), ("velocities", state.velocities), ("forces", forces)):
+        if value is not None and jnp.shape(value) != shape:
+            raise StepError(f"{name} has shape {jnp.shape(value)}; the model's {shape[0]} nodes need {shape}")
+
+
+def _check_rollout(steps: int, every: int, checkpoint: int | None) -> None:
+    if steps < 1 or every < 1 or steps % every:
+        raise StepError(f"steps = {steps} must be a positive multiple of every = {every}")
+    if checkpoint is not None and (checkpoint < 1 or checkpoint % every or steps % checkpoint):
+        raise StepError(f"checkpoint = {checkpoint} must be a multiple of every = {every} and divide steps = {steps}")

@@ -1,0 +1,136 @@
+"""Small tensors: the constant eigenbasis of isotropic elasticity, and 3x3 algebra written out in components.
+
+XLA turns batched 3x3 matrix products into calls or loops of gathers; the same algebra on nine arrays of length E fuses
+into one pass. So kernels hold a matrix as `Matrix3`: three rows of three arrays, each of shape (E,).
+"""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Array = jax.Array
+Vector3 = Sequence[Array]
+Matrix3 = Sequence[Sequence[Array]]
+
+_AXES = range(3)
+
+
+def _eigenbasis() -> np.ndarray:
+    """Orthonormal symmetric matrices: one volumetric, five deviatoric (Kelvin 1856; Mehrabadi & Cowin 1990)."""
+    basis = np.zeros((6, 3, 3))
+    basis[0] = np.eye(3) / np.sqrt(3)
+    basis[1] = np.diag([1, -1, 0]) / np.sqrt(2)
+    basis[2] = np.diag([1, 1, -2]) / np.sqrt(6)
+    for row, (i, j) in zip((3, 4, 5), ((1, 2), (0, 2), (0, 1)), strict=True):
+        basis[row, i, j] = basis[row, j, i] = 1 / np.sqrt(2)
+    return basis
+
+
+EIGENBASIS = _eigenbasis()
+"""(6, 3, 3): row 0 volumetric (stiffness 3K), rows 1 to 5 deviatoric (stiffness 2 mu)."""
+
+
+def skew(vector: Array) -> Array:
+    """Matrix of the cross product, (..., 3) -> (..., 3, 3)."""
+    x, y, z = vector[..., 0], vector[..., 1], vector[..., 2]
+    zero = jnp.zeros_like(x)
+    rows = [[zero, -z, y], [z, zero, -x], [-y, x, zero]]
+    return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
+
+
+def vex(matrix: Array) -> Array:
+    """Axial vector of the skew part, (..., 3, 3) -> (..., 3); `vex(skew(v)) == v`."""
+    m = matrix
+    return 0.5 * jnp.stack(
+        [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1
+    )
+
+
+def matrix_of(array: Array) -> Matrix3:
+    """Components of an array of shape (3, 3, ...)."""
+    return [[array[i, j] for j in _AXES] for i in _AXES]
+
+
+def array_of(matrix: Matrix3) -> Array:
+    """Array of shape (3, 3, ...) from components."""
+    return jnp.stack([jnp.stack(list(row)) for row in matrix])
+
+
+def transposed(a: Matrix3) -> Matrix3:
+    """A'."""
+    return [[a[j][i] for j in _AXES] for i in _AXES]
+
+
+def product(a: Matrix3, b: Matrix3) -> Matrix3:
+    """A B."""
+    return [[a[i][0] * b[0][j] + a[i][1] * b[1][j] + a[i][2] * b[2][j] for j in _AXES] for i in _AXES]
+
+
+def times(a: Matrix3, v: Vector3) -> list[Array]:
+    """A v."""
+    return [a[i][0] * v[0] + a[i][1] * v[1] + a[i][2] * v[2] for i in _AXES]
+
+
+def symmetric(a: Matrix3) -> Matrix3:
+    """(A + A') / 2."""
+    return [[a[i][i] if i == j else 0.5 * (a[i][j] + a[j][i]) for j in _AXES] for i in _AXES]
+
+
+def determinant(a: Matrix3) -> Array:
+    """det A."""
+    return (
+        a[0][0] * (a[1][1] * a[2][2] - a[1][2] * a[2][1])
+        - a[0][1] * (a[1][0] * a[2][2] - a[1][2] * a[2][0])
+        + a[0][2] * (a[1][0] * a[2][1] - a[1][1] * a[2][0])
+    )
+
+
+def cross_matrix(v: Vector3) -> Matrix3:
+    """skew(v) as components: cross_matrix(v) u = v x u."""
+    zero = jnp.zeros_like(v[0])
+    return [[zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero]]
+
+
+def guarded_inverse(a: Matrix3) -> Matrix3:
+    """Inverse of a symmetric matrix; where it is singular to rounding the determinant is kept away from zero."""
+    cofactors = [
+        [
+            a[(i + 1) % 3][(j + 1) % 3] * a[(i + 2) % 3][(j + 2) % 3]
+            - a[(i + 1) % 3][(j + 2) % 3] * a[(i + 2) % 3][(j + 1) % 3]
+            for j in _AXES
+        ]
+        for i in _AXES
+    ]
+    det = a[0][0] * cofactors[0][0] + a[0][1] * cofactors[0][1] + a[0][2] * cofactors[0][2]
+    size = jnp.abs(a[0][0]) + jnp.abs(a[1][1]) + jnp.abs(a[2][2])
+    least = jnp.finfo(det.dtype).eps * size**3 + jnp.finfo(det.dtype).tiny
+    safe = jnp.where(jnp.abs(det) > least, det, jnp.where(det < 0, -least, least))
+    return [[cofactors[j][i] / safe for j in _AXES] for i in _AXES]
+
+
+def to_eigenbasis(s: Matrix3) -> list[Array]:
+    """Six coefficients of a symmetric matrix in `EIGENBASIS`: its scalar product with each basis matrix."""
+    root2, root3, root6 = np.sqrt(2.0), np.sqrt(3.0), np.sqrt(6.0)
+    return [
+        (s[0][0] + s[1][1] + s[2][2]) * (1 / root3),
+        (s[0][0] - s[1][1]) * (1 / root2),
+        (s[0][0] + s[1][1] - 2 * s[2][2]) * (1 / root6),
+        s[1][2] * root2,
+        s[0][2] * root2,
+        s[0][1] * root2,
+    ]
+
+
+def from_eigenbasis(c: Sequence[Array]) -> Matrix3:
+    """Symmetric matrix with the six coefficients `c` in `EIGENBASIS`; the transpose of `to_eigenbasis`."""
+    root2, root3, root6 = np.sqrt(2.0), np.sqrt(3.0), np.sqrt(6.0)
+    mean = c[0] * (1 / root3)
+    first, second = c[1] * (1 / root2), c[2] * (1 / root6)
+    yz, xz, xy = c[3] * (1 / root2), c[4] * (1 / root2), c[5] * (1 / root2)
+    return [
+        [mean + second + first, xy, xz],
+        [xy, mean + second - first, yz],
+        [xz, yz, mean - 2 * second],
+    ]
