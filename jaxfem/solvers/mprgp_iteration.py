@@ -19,6 +19,10 @@ from jaxfem.solvers.box import Box, make_box
 from jaxfem.solvers.pcg import default_limit, pcg
 from jaxfem.solvers.status import SolveInfo, Status
 
+RISES_ALLOWED = 5
+"""Projected steps that may raise the objective: taking a few costs less than undoing them (5 % of all products)."""
+
+
 @pytree
 class _Rules:
     """What steers the loop; values, so that changing them compiles nothing."""
@@ -33,7 +37,7 @@ class _Rules:
 class _State:
     """Loop state. pending: x was projected, g is still the gradient before that, p the displacement by it.
 
-    short: that projected step was a short gradient step.
+    short: that projected step was a short gradient step. rises: projected steps so far that raised the objective.
     """
 
     x: Any
@@ -41,6 +45,7 @@ class _State:
     p: Any
     pending: Array
     short: Array
+    rises: Array
     norm: Array
     scale: Array
     residual: Array
@@ -97,10 +102,10 @@ def _minimise(
         return x, SolveInfo(refused, info.iterations, info.residual, info.weakly_active)
     refused = jnp.where(usable, int(Status.ITERATION_LIMIT), int(Status.NOT_POSITIVE_DEFINITE))
     status = jnp.where(box.feasible(), refused, int(Status.INFEASIBLE_BOUNDS)).astype(jnp.int32)
-    zero, yes = jnp.zeros((), trees.dtype(b)), jnp.bool_(True)
+    zero, none, yes = jnp.zeros((), trees.dtype(b)), jnp.int32(0), jnp.bool_(True)
     # The first trip is one "after a projection", from a displacement of zero: it makes the gradient of the start.
     at = box.clip(x), trees.zeros(b), trees.zeros(b)
-    first = _State(*at, yes, ~yes, zero, trees.norm(b), zero, jnp.int32(0), status)
+    first = _State(*at, yes, ~yes, none, zero, trees.norm(b), zero, none, status)
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.iteration < rules.limit)
@@ -118,7 +123,7 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
 
     phi, beta: free and chopped gradient. w = p (conjugate direction) where x is proportional, otherwise beta. If the
     full step leaves the box, its projection is taken, and the next trip computes the gradient there. If the objective
-    then turns out to have risen, the step is replaced by a short one from the same place.
+    then turns out to have risen, all but the first few times, a short step from the same place replaces that one.
     """
     before = trees.where(s.pending, trees.minus(s.x, s.p), s.x)
     phi, beta = box.split(before, s.g)
@@ -135,13 +140,14 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     cut = stepping & ~box.contains(full)
     fresh = trees.minus(Aw, b)
     rose = s.pending & _rises(s, 0.5 * (gw + trees.dot(w, fresh)), ww)
+    undone = rose & (s.rises >= RISES_ALLOWED)
     seen = jnp.where(stepping, wAw / jnp.where(ww > 0, ww, 1), 0)
-    norm = jnp.where(rose & s.short, 2, 1) * jnp.maximum(s.norm, seen)
+    norm = jnp.where(undone & s.short, 2, 1) * jnp.maximum(s.norm, seen)
     rate = rules.step_scale / jnp.where(norm > 0, norm, 1)
     short = box.clip(trees.plus(before, -rate, trees.where(proportional, phi, beta)))
-    x = trees.where(rose, short, trees.where(stepping, box.clip(full), s.x))
-    known = trees.where(cut | ~sound | rose, s.g, trees.plus(s.g, -gw / curvature, Aw))
-    g = trees.where(s.pending & ~rose, fresh, known)
+    x = trees.where(undone, short, trees.where(stepping, box.clip(full), s.x))
+    known = trees.where(cut | ~sound | undone, s.g, trees.plus(s.g, -gw / curvature, Aw))
+    g = trees.where(s.pending & ~undone, fresh, known)
 
     phi, beta = box.split(x, g)
     residual = jnp.sqrt(trees.dot(phi, phi) + trees.dot(beta, beta))
@@ -151,19 +157,20 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     # Convergence is only believed of a gradient just computed: a small recurred one is handed on as if projected.
     conjugate = trees.plus(phi, -jnp.where(proportional, trees.dot(phi, Aw) / curvature, 0), s.p)
     stepped = trees.where(close, trees.zeros(b), conjugate)
-    p = trees.where(cut | rose, trees.minus(x, before), trees.where(s.pending, phi, stepped))
-    unknown = cut | rose | ~sound
+    p = trees.where(cut | undone, trees.minus(x, before), trees.where(s.pending, phi, stepped))
+    unknown = cut | undone | ~sound
     return _State(
         x=x,
         g=g,
         p=p,
-        pending=rose | (stepping & (cut | close)),
-        short=rose,
+        pending=undone | (stepping & (cut | close)),
+        short=undone,
+        rises=s.rises + rose.astype(jnp.int32),
         norm=norm,
         scale=scale,
         residual=jnp.where(unknown, s.residual, residual),
         iteration=s.iteration + 1,
-        status=_judge(s.pending & ~rose, sound, wAw, residual, close),
+        status=_judge(s.pending & ~undone, sound, wAw, residual, close),
     )
 
 

@@ -95,11 +95,15 @@ def test_one_product_a_trip():
         assert info.status == Status.CONVERGED and len(calls) == info.iterations
 
 
-def test_fallback_steps_converge(monkeypatch):
-    """Without any projected full step: the short steps alone, and their norm found on the way."""
+@pytest.mark.parametrize("every", [False, True])
+def test_fallback_steps_converge(monkeypatch, every):
+    """Each rise undone by a short step; or short steps alone, whose norm is found on the way."""
     monkeypatch.setattr(mprgp_iteration, "RISES_ALLOWED", 0)
-    problem = box_problems.TABLE["obstacle"]
-    solve = jax.jit(lambda A, *rest: mprgp_loop(lambda x: A @ x, *rest, diagonal=jnp.diag(A)))
+    if every:
+        rises = mprgp_iteration._rises
+        monkeypatch.setattr(mprgp_iteration, "_rises", lambda s, c, ww: (~s.short & (ww > 0)) | rises(s, c, ww))
+    problem = box_problems.TABLE["box"]
+    solve = jax.jit(lambda A, *rest: mprgp_loop(lambda x: A @ x, *rest, diagonal=jnp.diag(A), max_iterations=5000))
     x, info = solve(*problem)
     assert info.status == Status.CONVERGED and box_problems.kkt_residual(problem, x) <= 1.01e-8
 
