@@ -14,16 +14,17 @@ from jaxfem.solvers.mprgp import mprgp_loop
 NUMBERS = ["01", "03", "06", "11", "14", "16", "20"]
 
 
+@jax.jit
+def solve_and_pull_back(A, b, lower, upper, cotangent):
+    x, pullback, info = jax.vjp(lambda b: mprgp(A, b, lower, upper, tol=1e-11), b, has_aux=True)
+    return x, info, pullback(cotangent)[0]
+
+
 @pytest.mark.parametrize("number", NUMBERS)
 def test_reference_solution_and_derivative(reference, number):
     problem, file = box_problems.from_file(reference / f"boxqp_{number}.npz")
 
-    @jax.jit
-    def solve(A, b, lower, upper, cotangent):
-        x, pullback, info = jax.vjp(lambda b: mprgp(A, b, lower, upper, tol=1e-11), b, has_aux=True)
-        return x, info, pullback(cotangent)[0]
-
-    x, info, vjp = solve(*problem, file.get("g", np.zeros_like(problem.b)))
+    x, info, vjp = solve_and_pull_back(*problem, file.get("g", np.zeros_like(problem.b)))
     assert info.status == Status.CONVERGED
     assert np.max(np.abs(x - file["x"])) <= 1e-8 * np.max(np.abs(file["x"]))
     assert box_problems.kkt_residual(problem, x) <= 1.01e-11
