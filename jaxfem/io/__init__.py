@@ -1,0 +1,20 @@
+"""Files in and out: scenes in TOML, frames for ParaView, tables and plots."""
+
+from .examples import beam_scene
+from .export import Frame, FrameWriter, read_frames
+from .plots import PlotError, plot_energies, plot_series, plot_shapes
+from .scene_files import SceneFile, SceneFileError, load_scene
+
+__all__ = [
+    "Frame",
+    "FrameWriter",
+    "PlotError",
+    "SceneFile",
+    "SceneFileError",
+    "beam_scene",
+    "load_scene",
+    "plot_energies",
+    "plot_series",
+    "plot_shapes",
+    "read_frames",
+]

@@ -1,0 +1,204 @@
+"""Results as files that other tools open: VTU frames with a PVD index, and CSV tables. An interrupted run is readable."""
+
+import contextlib
+import csv
+import dataclasses
+import os
+import sys
+import xml.etree.ElementTree as ET
+from collections.abc import Callable, Iterator, Mapping
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import jax
+import meshio
+import numpy as np
+
+from jaxfem.bodies.stress import von_mises_stress
+from jaxfem.energies import energies
+from jaxfem.mesh import locate
+from jaxfem.model import Model, Params, State, per_element
+from jaxfem.scene import SceneError
+
+ENERGIES = ("kinetic", "elastic", "gravity")
+OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the mesh
+
+
+@dataclasses.dataclass(frozen=True)
+class Frame:
+    """One saved frame: `time` [s], `positions`, `displacement` [m] and `velocity` [m/s] (n, 3), `cells` (E, 4), and of
+    each element (E,) its `body` (number in the scene) and `von_mises` stress [Pa]."""
+
+    time: float
+    positions: np.ndarray
+    displacement: np.ndarray
+    velocity: np.ndarray
+    cells: np.ndarray
+    body: np.ndarray
+    von_mises: np.ndarray
+
+
+class FrameWriter:
+    """Writes frames of a run as they come; a context manager.
+
+    In `folder`: NAME.pvd, the index to open in ParaView, rewritten after every frame; frames/NAME_00000.vtu and so on,
+    with the nodes where they are at that time; energies.csv [J]; points.csv, the paths of `points` (name -> (3,) [m], a
+    material point of the undeformed bodies). Frames of an earlier run of that name are removed. SceneError for a point
+    outside every body.
+    """
+
+    def __init__(
+        self, folder: Any, name: str, model: Model, params: Params, points: Mapping[str, Any] | None = None
+    ) -> None:
+        self.folder, self.name, self.model, self.params = Path(folder), name, model, params
+        self.index = self.folder / f"{name}.pvd"
+        self.times: list[float] = []
+        self.frames: list[Path] = []
+        self.energies: dict[str, list[float]] = {kind: [] for kind in ENERGIES}
+        self.points = _Tracked(model, dict(points or {}))
+        self.paths: list[np.ndarray] = []
+        self._open = contextlib.ExitStack()
+
+    def __enter__(self) -> "FrameWriter":
+        frames = self.folder / "frames"
+        frames.mkdir(parents=True, exist_ok=True)
+        for old in frames.glob(f"{self.name}_*.vtu"):
+            if old.stem[len(self.name) + 1 :].isdigit():
+                old.unlink()
+        self._energy_row = self._table("energies.csv", ["time_s", *(f"{kind}_J" for kind in ENERGIES)])
+        self._point_row = None
+        if self.points.names:
+            columns = [f"{name}_{axis}_m" for name in self.points.names for axis in "xyz"]
+            self._point_row = self._table("points.csv", ["time_s", *columns])
+        return self
+
+    def __exit__(self, *problem: Any) -> None:
+        self._open.close()
+
+    def write(self, state: State) -> Path:
+        """Write one frame of the state and a row of each table; returns the frame's path."""
+        stress, energy = _fields(self.model, self.params, state)
+        positions, time = np.asarray(state.positions), float(state.time)
+        path = self.folder / "frames" / f"{self.name}_{len(self.frames):05d}.vtu"
+        mesh = meshio.Mesh(
+            positions,
+            [("tetra", np.asarray(self.model.elements.cells, np.int64))],
+            {"displacement": positions - np.asarray(self.model.rest), "velocity": np.asarray(state.velocities)},
+            {"body": [np.asarray(self.model.elements.body)], "von_mises": [np.asarray(stress)]},
+        )
+        with replaced(path) as temporary:
+            meshio.write(temporary, mesh, file_format="vtu")
+        self.frames.append(path)
+        self.times.append(time)
+        self._write_index()
+        self._write_rows(time, energy, positions)
+        return path
+
+    def files(self) -> list[Path]:
+        """The index and the tables, for a summary."""
+        tables = ["energies.csv"] + (["points.csv"] if self.points.names else [])
+        return [self.index, *(self.folder / name for name in tables)]
+
+    def _write_rows(self, time: float, energy: Any, positions: np.ndarray) -> None:
+        row = [float(getattr(energy, kind)) for kind in ENERGIES]
+        for kind, value in zip(ENERGIES, row, strict=True):
+            self.energies[kind].append(value)
+        self._energy_row([time, *row])
+        if self._point_row is not None:
+            self.paths.append(self.points.at(positions))
+            self._point_row([time, *self.paths[-1].ravel()])
+
+    def _write_index(self) -> None:
+        lines = [
+            f'    <DataSet timestep="{time:.9g}" part="0" file={quoteattr(path.relative_to(self.folder).as_posix())}/>'
+            for time, path in zip(self.times, self.frames, strict=True)
+        ]
+        order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
+        head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="{order}">\n  <Collection>'
+        with replaced(self.index) as temporary:
+            temporary.write_text("\n".join([head, *lines, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
+
+    def _table(self, name: str, columns: list[str]) -> Callable[[list[float]], None]:
+        """Open a CSV file with a header; returns what adds a row and flushes it."""
+        file = self._open.enter_context(open(self.folder / name, "w", newline="", encoding="utf-8"))
+        writer = csv.writer(file, lineterminator="\n")
+
+        def add(row: list[Any]) -> None:
+            writer.writerow([value if isinstance(value, str) else f"{value:.9g}" for value in row])
+            file.flush()
+
+        add(columns)  # type: ignore[arg-type]
+        return add
+
+
+class _Tracked:
+    """Material points by their element's nodes and weights."""
+
+    def __init__(self, model: Model, points: dict[str, Any]):
+        self.names = tuple(points)
+        rest, cells = np.asarray(model.rest, np.float64), np.asarray(model.elements.cells, np.int64)
+        places = np.array([np.asarray(points[name], float) for name in self.names]).reshape(-1, 3)
+        elements, self.weights, distance = locate(rest, cells, places)
+        self.nodes = cells[elements]
+        near = self.at(rest)
+        for name, place, off, closest in zip(self.names, places, distance, near, strict=True):
+            if off > OUTSIDE * np.ptp(rest, axis=0).max():
+                raise SceneError(
+                    f'the tracked point "{name}" at {_listed(place)} lies {off:.3g} m outside the bodies: the nearest '
+                    f"point of their mesh is {_listed(closest)}"
+                )
+
+    def at(self, positions: np.ndarray) -> np.ndarray:
+        """Where the points (q, 3) are when the nodes are at `positions` (n, 3)."""
+        return np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
+
+
+@jax.jit
+def _fields(model: Model, params: Params, state: State) -> tuple[Any, Any]:
+    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
+    stress = von_mises_stress(model.elements, state.positions, young, poisson, model.rotation)
+    return stress, energies(model, params, state)
+
+
+@contextlib.contextmanager
+def replaced(path: Path) -> Iterator[Path]:
+    """A temporary path beside `path` that takes its place at the end, or is removed when something goes wrong."""
+    temporary = path.with_name(path.name + ".part")
+    try:
+        yield temporary
+        os.replace(temporary, path)
+    except BaseException:  # an interruption too must leave nothing half written
+        temporary.unlink(missing_ok=True)
+        raise
+
+
+def read_frames(index: Any) -> list[Frame]:
+    """All frames that a PVD index lists, in its order. FileNotFoundError where a file is missing."""
+    index = Path(index)
+    if not index.is_file():
+        raise FileNotFoundError(f"no index of frames {index}: give the .pvd file that a run wrote")
+    entries = ET.parse(index).getroot().iter("DataSet")
+    return [read_frame(index.parent / entry.attrib["file"], float(entry.attrib["timestep"])) for entry in entries]
+
+
+def read_frame(path: Any, time: float = 0.0) -> Frame:
+    """One VTU frame; `time` [s] is not in the file but in the index."""
+    if not Path(path).is_file():
+        raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
+    mesh = meshio.read(path)
+    cells = {name: values[0] for name, values in mesh.cell_data.items()}
+    points = mesh.point_data
+    return Frame(
+        time,
+        mesh.points,
+        points["displacement"],
+        points["velocity"],
+        mesh.cells[0].data,
+        cells["body"],
+        cells["von_mises"],
+    )
+
+
+def _listed(place: np.ndarray) -> str:
+    return "[" + ", ".join(f"{value:.6g}" for value in place) + "]"

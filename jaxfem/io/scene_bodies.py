@@ -1,0 +1,177 @@
+"""The [[body]] tables of a scene file: mesh, material, supports, prescribed motions and loads of a soft body."""
+
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from jaxfem.io.selections import select_faces, select_nodes
+from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
+from jaxfem.loads import Load, NodalForce, PointForce, Pressure, Traction
+from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, read
+from jaxfem.motion import Motion
+from jaxfem.scene import ROTATIONS, STRAINS, Driven, SoftBody
+
+BODY_KEYS = (
+    *("name", "mesh", "position", "rotate", "young", "poisson", "density", "damping"),
+    *("fixed", "velocity", "strain", "rotation", "driven", "load"),
+)
+DRIVEN_KEYS = ("nodes", "velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
+LOAD_KEYS = {
+    "nodal_force": ("nodes", "value"),
+    "traction": ("faces", "value"),
+    "pressure": ("faces", "value"),
+    "point_force": ("point", "value"),
+}
+MESH_KEYS = {
+    "file": ("scale",),
+    "box": ("cells", "tets_per_cell", "origin"),
+    "beam": ("cells_along", "tets_per_cell", "origin"),
+    "ball": ("cells", "center"),
+}
+UNITS = {"young": "Pa", "poisson": "", "density": "kg/m^3", "damping": "s"}
+
+
+def read_body(table: Table, folder: Path) -> SoftBody:
+    """The soft body that a [[body]] table describes; mesh files are looked for in `folder`.
+
+    SceneFileError names the table and the key; SceneError, MaterialError and FileNotFoundError as for `SoftBody` and
+    `jaxfem.mesh.read`.
+    """
+    name = table.text("name", None)
+    mesh = _placed(table, _mesh(table, folder))
+    if name is not None:
+        mesh = mesh.renamed(name)
+    return SoftBody(
+        mesh,
+        young=_material(table, mesh, "young"),
+        poisson=_material(table, mesh, "poisson"),
+        density=_material(table, mesh, "density"),
+        damping=_material(table, mesh, "damping", 0.0),
+        fixed=select_nodes(table, "fixed", mesh) if "fixed" in table else None,
+        driven=[_driven(values, mesh, place) for values, place in _children(table, "driven")],
+        loads=[_load(values, mesh, place) for values, place in _children(table, "load")],
+        velocity=table.vector("velocity", (0.0, 0.0, 0.0), "m/s"),
+        strain=table.choice("strain", STRAINS, STRAINS[0]),
+        rotation=table.choice("rotation", ROTATIONS, ROTATIONS[0]),
+        name=name,
+    )
+
+
+def _children(table: Table, key: str) -> list[tuple[dict[str, Any], str]]:
+    """Each table of [[body.KEY]] with its name for messages."""
+    raw = table.tables(key, f"body.{key}")
+    return [(values, f"[[body.{key}]] {number} of {table.where}") for number, values in enumerate(raw, 1)]
+
+
+def _material(table: Table, mesh: TetMesh, key: str, default: Any = ...) -> Any:
+    """One number, or one for each of the mesh's cell groups, spread over the elements (m,)."""
+    if key not in table and default is not ...:
+        return default
+    if not isinstance(table.get(key, unit=UNITS[key]), dict):
+        value = table.get(key)
+        if not is_number(value) and not isinstance(value, float):  # NaN goes on, to the message of its own range
+            raise table.wrong(key, f"a number{' of ' + UNITS[key] if UNITS[key] else ''}, or one for each cell group")
+        return float(value)
+    groups = table.table(key, mesh.cell_groups, f"{key!r} in {table.where}, one number for each cell group")
+    values = np.full(len(mesh.cells), np.nan)
+    for group in groups.values:
+        values[mesh.cell_groups[group]] = groups.number(group, unit=UNITS[key])
+    missed = np.flatnonzero(np.isnan(values))
+    if missed.size:
+        raise SceneFileError(f"{groups.where} leaves out {missed.size} elements, like {missed[0]}: name their group")
+    return values
+
+
+def _mesh(table: Table, folder: Path) -> TetMesh:
+    where = f"'mesh' in {table.where}"
+    raw = table.get("mesh")
+    kinds = ", ".join(MESH_KEYS)
+    if not isinstance(raw, dict):
+        raise table.wrong(
+            "mesh", 'a table like { box = [0.1, 0.03, 0.03], cells = [10, 3, 3] } or { file = "part.msh" }'
+        )
+    given = [kind for kind in MESH_KEYS if kind in raw]
+    if len(given) != 1:
+        every = {*MESH_KEYS, *(key for keys in MESH_KEYS.values() for key in keys)}
+        Table(raw, where, every)
+        raise SceneFileError(f"{where} names {' and '.join(given) or 'no kind of mesh'}: give one of {kinds}")
+    mesh = Table(raw, f"{where} (a {given[0]})", (given[0], *MESH_KEYS[given[0]]))
+    arguments = _mesh_arguments(given[0], mesh, folder)
+    makers: dict[str, Callable[..., TetMesh]] = {"file": read, "box": box, "beam": beam, "ball": ball}
+    try:
+        return makers[given[0]](**arguments)
+    except MeshError as problem:
+        raise SceneFileError(f"{where}: {problem}") from problem
+
+
+def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
+    if kind == "file":
+        return {"path": folder / mesh.text("file"), "scale": mesh.number("scale", 1.0, positive=True)}
+    if kind == "ball":
+        center = mesh.vector("center", (0.0, 0.0, 0.0), "m")
+        return {
+            "radius": mesh.number("ball", unit="m", positive=True),
+            "cells": mesh.integer("cells"),
+            "center": center,
+        }
+    size = mesh.vector(kind, unit="m")
+    shared = {"tets_per_cell": mesh.integer("tets_per_cell", 6), "origin": mesh.vector("origin", (0.0, 0.0, 0.0), "m")}
+    if kind == "beam":
+        return dict(
+            zip(("length", "width", "height"), size, strict=True), cells_along=mesh.integer("cells_along"), **shared
+        )
+    return {"size": size, "cells": _cell_counts(mesh), **shared}
+
+
+def _cell_counts(mesh: Table) -> Any:
+    counts = mesh.get("cells")
+    each = counts if isinstance(counts, list) and len(counts) == 3 else [counts]
+    if not all(is_integer(count) and count >= 1 for count in each):
+        raise mesh.wrong("cells", "a whole number of at least 1, or a list of three")
+    return counts
+
+
+def _placed(table: Table, mesh: TetMesh) -> TetMesh:
+    """The mesh turned (`rotate`, about its `center`, the origin by default), then moved by `position`."""
+    if "rotate" in table:
+        turn = table.table("rotate", ("axis", "degrees", "center"), f"'rotate' in {table.where}")
+        axis = np.array(turn.vector("axis"))
+        length = np.linalg.norm(axis)
+        if length == 0:
+            raise turn.wrong("axis", "a direction, not all zeros")
+        matrix = Rotation.from_rotvec(axis / length * np.radians(turn.number("degrees"))).as_matrix()
+        center = np.array(turn.vector("center", (0.0, 0.0, 0.0), "m"))
+        mesh = mesh.translated(-center).rotated(matrix).translated(center)
+    return mesh.translated(table.vector("position", unit="m")) if "position" in table else mesh
+
+
+def _driven(values: dict[str, Any], mesh: TetMesh, where: str) -> Driven:
+    table = Table(values, where, DRIVEN_KEYS)
+    zero = (0.0, 0.0, 0.0)
+    motion = Motion(
+        velocity=table.vector("velocity", zero, "m/s"),
+        amplitude=table.vector("amplitude", zero, "m"),
+        frequency=table.number("frequency", 0.0, "Hz"),
+        phase=table.number("phase", 0.0, "rad"),
+        angular_velocity=table.vector("angular_velocity", zero, "rad/s"),
+        center=table.vector("center", zero, "m"),
+    )
+    return Driven(select_nodes(table, "nodes", mesh), motion)
+
+
+def _load(values: dict[str, Any], mesh: TetMesh, where: str) -> Load:
+    kind = values.get("kind")
+    if not isinstance(kind, str) or kind not in LOAD_KEYS:
+        problem = f"missing key 'kind' in {where}" if kind is None else f"'kind' in {where} is {kind!r}"
+        raise SceneFileError(problem + suggestion(str(kind), LOAD_KEYS))
+    table = Table(values, f"{where} ({kind})", ("kind", *LOAD_KEYS[kind]))
+    if kind == "nodal_force":
+        return NodalForce(select_nodes(table, "nodes", mesh), table.vector("value", unit="N"))
+    if kind == "traction":
+        return Traction(select_faces(table, "faces", mesh), table.vector("value", unit="Pa"))
+    if kind == "pressure":
+        return Pressure(select_faces(table, "faces", mesh), table.number("value", unit="Pa"))
+    return PointForce(table.vector("point", unit="m"), table.vector("value", unit="N"))

@@ -1,0 +1,128 @@
+"""Scenes in TOML files: what `jaxfem simulate` reads. Everything is checked here, and refused by name."""
+
+import dataclasses
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import jaxfem.building as building
+from jaxfem.io.scene_bodies import BODY_KEYS, read_body
+from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
+from jaxfem.model import Model, Params, State
+from jaxfem.scene import Scene
+
+__all__ = ["SceneFile", "SceneFileError", "load_scene"]
+
+TOP_KEYS = ("gravity", "time", "solver", "body", "output")
+TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme")
+SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
+OUTPUT_KEYS = ("folder", "points")
+PRECISIONS = ("float64", "float32")
+
+
+@dataclasses.dataclass(frozen=True)
+class SceneFile:
+    """A scene and how to run it, as its file says.
+
+    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `tolerance`, `max_iterations` as for
+    `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results go; `points`: name -> (x, y, z) [m] of
+    a material point of the undeformed bodies whose path is recorded; `source`: the file.
+    """
+
+    scene: Scene
+    dt: float
+    steps: int
+    every: int
+    solver: str
+    scheme: str
+    tolerance: float | None
+    max_iterations: int
+    precision: str
+    folder: Path
+    points: dict[str, tuple[float, float, float]]
+    source: Path
+
+    @property
+    def duration(self) -> float:
+        """Simulated time [s]."""
+        return self.dt * self.steps
+
+    def build(self) -> tuple[Model, Params, State]:
+        """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
+        return building.build(
+            self.scene,
+            solver=self.solver,
+            scheme=self.scheme,
+            dtype=self.precision,
+            tolerance=self.tolerance,
+            max_iterations=self.max_iterations,
+        )
+
+
+def load_scene(path: Any, also: Sequence[str] = ()) -> SceneFile:
+    """Read a scene file. Relative paths in it start at its folder.
+
+    `also`: further top-level keys that the caller reads by itself. FileNotFoundError for a missing scene or mesh file;
+    SceneFileError, SceneError, MaterialError or MeshError for what is wrong in them.
+    """
+    source = Path(path)
+    values = read_toml(source)
+    try:
+        return _scene_file(Table(values, "the top level", (*TOP_KEYS, *also)), source)
+    except SceneFileError as problem:
+        raise SceneFileError(f"{source}: {problem}") from problem
+
+
+def _scene_file(top: Table, source: Path) -> SceneFile:
+    time = top.table("time", TIME_KEYS, "[time]")
+    solver = top.table("solver", SOLVER_KEYS, "[solver]")
+    output = top.table("output", OUTPUT_KEYS, "[output]")
+    dt = time.number("step", unit="s", positive=True)
+    points = output.table("points", None, "points of [output]")
+    tolerance = solver.number("tolerance", None, positive=True)
+    if tolerance is not None and tolerance >= 1:
+        raise solver.wrong("tolerance", "a relative residual between 0 and 1, like 1e-8")
+    settings: dict[str, Any] = {
+        "dt": dt,
+        "steps": _steps(time, dt),
+        "every": time.integer("save_every", 1),
+        "scheme": time.choice("scheme", building.SCHEMES, "backward_euler"),
+        "solver": solver.choice("method", building.SOLVERS, "auto"),
+        "tolerance": tolerance,
+        "max_iterations": solver.integer("max_iterations", 20_000),
+        "precision": solver.choice("precision", PRECISIONS, "float64"),
+        "folder": source.parent / output.text("folder", f"{source.stem}_results"),
+        "points": {name: points.vector(name, unit="m") for name in points.values},
+    }
+    gravity = top.vector("gravity", (0.0, 0.0, -9.81), "m/s^2")
+    return SceneFile(scene=Scene(_bodies(top, source.parent), gravity), source=source, **settings)
+
+
+def _bodies(top: Table, folder: Path) -> list[Any]:
+    raw = top.tables("body", "body")
+    if not raw:
+        raise SceneFileError("the scene holds no body: add a table [[body]] with mesh, young, poisson and density")
+    bodies = []
+    for number, values in enumerate(raw, 1):
+        name = values.get("name")
+        where = f"[[body]] {number}" + (f' "{name}"' if isinstance(name, str) else "")
+        bodies.append(read_body(Table(values, where, BODY_KEYS), folder))
+    return bodies
+
+
+def _steps(time: Table, dt: float) -> int:
+    """The number of steps, from `steps` or from `duration`, which must be a whole number of them."""
+    if ("steps" in time) == ("duration" in time):
+        both = "both 'steps' and 'duration'" if "steps" in time else "neither 'duration' (s) nor 'steps'"
+        raise SceneFileError(f"[time] has {both}: give one of them")
+    if "steps" in time:
+        return time.integer("steps")
+    duration = time.number("duration", unit="s", positive=True)
+    steps = round(duration / dt)
+    if steps < 1 or abs(steps * dt - duration) > 1e-6 * duration:
+        low = max(1, int(duration / dt))
+        raise SceneFileError(
+            f"'duration' in [time] is {duration:g} s, no whole number of steps of {dt:g} s: take {low * dt:g} or "
+            f"{(low + 1) * dt:g} s, or give 'steps'"
+        )
+    return steps
