@@ -28,10 +28,11 @@ young = {young:<24.10g}# Pa
 poisson = {poisson:<22.10g}# below 0.5; plain tetrahedra are too stiff above 0.45
 density = {density:<22.10g}# kg/m^3
 damping = {damping:<22.10g}# s: the damping matrix is this times the stiffness matrix
-fixed = "x-"                    # a group of the mesh, {{ below = {{ x = 0.001 }} }}, {{ box = [[...], [...]] }}, or a list
+fixed = "x-"                    # a group of the mesh, {{ below = {{ x = 0.001 }} }}; or a list of these
 # velocity = [0.0, 0.0, 0.0]    # m/s, at the start
 
-# Loads, as many as needed; kinds: traction (faces, Pa), pressure (faces, Pa), nodal_force (nodes, N), point_force (point, N)
+# Loads, as many as needed. Kinds: traction (faces, value in Pa), pressure (faces, value in Pa: a number),
+# nodal_force (nodes, value in N on each of them), point_force (point in m, value in N)
 # [[body.load]]
 # kind = "traction"
 # faces = "x+"
@@ -45,8 +46,8 @@ fixed = "x-"                    # a group of the mesh, {{ below = {{ x = 0.001 }
 
 [output]
 folder = "results"              # beside this file
-# material points whose path goes to a table; where they are in the undeformed body, m
-points = {{ tip = [{tip}] }} points whose path goes to a table
+# material points whose path goes to a table: where they are in the undeformed body, m
+points = {{ tip = [{tip}] }}
 """
 
 
@@ -62,7 +63,10 @@ def beam_scene(
     steps: int = 100,
     every: int = 1,
 ) -> str:
-    """Commented TOML text of a beam scene: `young` [Pa], `damping` [s], `size` (3,) [m], `density` [kg/m^3], `step` [s]."""
+    """Commented TOML text of a beam scene, a box of `size` (3,) [m] cut into `cells`, clamped at x = 0.
+
+    `young` [Pa], `damping` [s], `density` [kg/m^3], `step` [s]; a tracked point "tip" in the middle of the free end.
+    """
     length, width, height = size
     return _BEAM.format(
         young=young,

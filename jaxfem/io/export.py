@@ -1,4 +1,4 @@
-"""Results as files that other tools open: VTU frames with a PVD index, and CSV tables. An interrupted run is readable."""
+"""Results as files that other tools open: VTU frames with a PVD index, and CSV tables; readable at any time."""
 
 import contextlib
 import csv
