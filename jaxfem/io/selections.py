@@ -14,15 +14,15 @@ SLACK = 1e-9  # of the mesh's size: a limit given to a few digits should hold th
 def select_nodes(table: Table, key: str, mesh: TetMesh) -> np.ndarray:
     """Sorted node numbers (k,) that the selection `key` of a table names.
 
-    A selection is a group's name, a table ({ box = [[x, y, z], [x, y, z]] }, { below = { z = 0.01 } }, { above = {...} }
-    or { nodes = [0, 1] }; several keys select what meets all of them), or a list of such, joined. SceneFileError when it
-    selects nothing or names an unknown group.
+    A selection is a group's name, a table, or a list of such, joined. Tables: { box = [[x, y, z], [x, y, z]] },
+    { below = { z = 0.01 } }, { above = { x = 0.1 } }, { nodes = [0, 1] }; with several keys, what meets all of them.
+    SceneFileError when it selects nothing or names an unknown group.
     """
     return np.flatnonzero(_mask(table, key, mesh))
 
 
 def select_faces(table: Table, key: str, mesh: TetMesh) -> np.ndarray:
-    """Surface triangles (k, 3) of a selection: those of named face groups, and those with all nodes in a selected region."""
+    """Surface triangles (k, 3) of a selection: those of named face groups, and those with all nodes in a region."""
     chosen = []
     for part in _parts(table, key):
         if isinstance(part, str):
