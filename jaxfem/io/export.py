@@ -8,7 +8,7 @@ import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import jax
@@ -39,6 +39,15 @@ class Frame:
     von_mises: np.ndarray
 
 
+class Saved(NamedTuple):
+    """What is kept in memory of a frame on disk: `time` [s], its `path`, `energies` [J], tracked `places` (q, 3) [m]."""
+
+    time: float
+    path: Path
+    energies: tuple[float, ...]
+    places: np.ndarray
+
+
 class FrameWriter:
     """Writes frames of a run as they come; a context manager.
 
@@ -53,11 +62,8 @@ class FrameWriter:
     ) -> None:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
-        self.times: list[float] = []
-        self.frames: list[Path] = []
-        self.energies: dict[str, list[float]] = {kind: [] for kind in ENERGIES}
         self.points = _Tracked(model, dict(points or {}))
-        self.paths: list[np.ndarray] = []
+        self.saved: list[Saved] = []
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "FrameWriter":
@@ -75,12 +81,14 @@ class FrameWriter:
 
     def __exit__(self, *problem: Any) -> None:
         self._open.close()
+        if self.saved:  # the last frame may have been interrupted before it was listed
+            self._write_index()
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
         stress, energy = _fields(self.model, self.params, state)
         positions, time = np.asarray(state.positions), float(state.time)
-        path = self.folder / "frames" / f"{self.name}_{len(self.frames):05d}.vtu"
+        path = self.folder / "frames" / f"{self.name}_{len(self.saved):05d}.vtu"
         mesh = meshio.Mesh(
             positions,
             [("tetra", np.asarray(self.model.elements.cells, np.int64))],
@@ -89,30 +97,39 @@ class FrameWriter:
         )
         with replaced(path) as temporary:
             meshio.write(temporary, mesh, file_format="vtu")
-        self.frames.append(path)
-        self.times.append(time)
+        row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
+        self.saved.append(Saved(time, path, row, self.points.at(positions)))
         self._write_index()
-        self._write_rows(time, energy, positions)
+        self._energy_row([time, *row])
+        if self._point_row is not None:
+            self._point_row([time, *self.saved[-1].places.ravel()])
         return path
+
+    @property
+    def times(self) -> np.ndarray:
+        """Times of the saved frames (k,) [s]."""
+        return np.array([each.time for each in self.saved])
+
+    @property
+    def energies(self) -> dict[str, np.ndarray]:
+        """Kind -> energy at each saved frame (k,) [J]."""
+        columns = np.array([each.energies for each in self.saved]).reshape(-1, len(ENERGIES)).T
+        return dict(zip(ENERGIES, columns, strict=True))
+
+    @property
+    def paths(self) -> dict[str, np.ndarray]:
+        """Name of each tracked point -> its places (k, 3) [m]."""
+        return {name: np.array([each.places[i] for each in self.saved]) for i, name in enumerate(self.points.names)}
 
     def files(self) -> list[Path]:
         """The index and the tables, for a summary."""
         tables = ["energies.csv"] + (["points.csv"] if self.points.names else [])
         return [self.index, *(self.folder / name for name in tables)]
 
-    def _write_rows(self, time: float, energy: Any, positions: np.ndarray) -> None:
-        row = [float(getattr(energy, kind)) for kind in ENERGIES]
-        for kind, value in zip(ENERGIES, row, strict=True):
-            self.energies[kind].append(value)
-        self._energy_row([time, *row])
-        if self._point_row is not None:
-            self.paths.append(self.points.at(positions))
-            self._point_row([time, *self.paths[-1].ravel()])
-
     def _write_index(self) -> None:
         lines = [
             f'    <DataSet timestep="{time:.9g}" part="0" file={quoteattr(path.relative_to(self.folder).as_posix())}/>'
-            for time, path in zip(self.times, self.frames, strict=True)
+            for time, path, *_ in self.saved
         ]
         order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
         head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="{order}">\n  <Collection>'

@@ -64,8 +64,8 @@ def plot_shapes(path: Any, surface: Any, shapes: Mapping[str, Any], rest: Any = 
     moved = {title: np.linalg.norm(positions - rest, axis=1) for title, positions in places.items()}
     top = max(float(values.max()) for values in moved.values())
     factor, prefix = _prefix(top)
-    figure = _figure(4.2 * len(shapes) + 0.9, 3.6)
     limits = _limits(np.concatenate([positions[np.unique(surface)] for positions in places.values()]))
+    figure = _figure(4.2 * len(shapes) + 0.9, 3.6 if np.ptp(limits[2]) < np.ptp(limits[0]) else 4.4)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
 
@@ -109,14 +109,18 @@ def _dress(axes: Any, title: str, limits: np.ndarray) -> None:
     from matplotlib.ticker import MaxNLocator
 
     extent = limits[:, 1] - limits[:, 0]
+    tall = extent[2] > 0.7 * extent[0]
+    pads = {"x": 1 + 8 * extent[0] / extent.max(), "y": 1 + 8 * extent[1] / extent.max(), "z": 5 if tall else -9}
     for axis, (low, high), length in zip("xyz", limits, extent, strict=True):
         getattr(axes, f"set_{axis}lim")(low, high)
         count = max(2, round(5 * length / extent.max()))
         getattr(axes, f"{axis}axis").set_major_locator(MaxNLocator(count))
-        getattr(axes, f"set_{axis}label")(f"{axis} (m)", labelpad=1 + 8 * length / extent.max(), fontsize=9)
+        getattr(axes, f"set_{axis}label")(f"{axis} (m)", labelpad=pads[axis], fontsize=9)
     axes.tick_params(labelsize=8, pad=1)
-    axes.set_box_aspect(extent, zoom=1.0)  # the same length a metre on each axis
-    axes.set_title(title, fontsize=11, y=0.9)
+    axes.tick_params(axis="z", pad=3)
+    axes.patch.set_alpha(0.0)  # or it hides the labels of its neighbour
+    axes.set_box_aspect(extent, zoom=0.8 if tall else 1.0)  # the same length a metre on each axis
+    axes.set_title(title, fontsize=11, y=1.0 if tall else 0.9)
     axes.view_init(elev=22, azim=-58)
 
 

@@ -1,0 +1,88 @@
+"""The `jaxfem` command. Each subcommand is a module with `add(subparsers)` and `run(args) -> exit code`.
+
+`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`. Exit codes: 0 done, 2 a mistake in the
+input, 3 a computation that failed, 130 interrupted.
+"""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Sequence
+from importlib import metadata
+from typing import Any
+
+import jaxfem
+from jaxfem.bodies.material import MaterialError
+from jaxfem.cli import mesh_info, simulate
+from jaxfem.cli.messages import error, warning
+from jaxfem.io.plots import PlotError
+from jaxfem.io.scene_files import SceneFileError
+from jaxfem.mesh import MeshError
+
+COMMANDS: tuple[Any, ...] = (simulate, mesh_info)
+USER_ERRORS = (
+    SceneFileError,
+    jaxfem.SceneError,
+    MaterialError,
+    MeshError,
+    jaxfem.StepError,
+    PlotError,
+    OSError,  # a file that is missing, or a folder that cannot be written
+)
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run the command line `argv` (without the program's name; the process's own when None); returns the exit code."""
+    words = list(sys.argv[1:] if argv is None else argv)
+    debug = "--debug" in words  # taken anywhere on the line
+    args = parser().parse_args([word for word in words if word != "--debug"])
+    with warnings.catch_warnings():
+        warnings.simplefilter("always", jaxfem.AccuracyWarning)
+        _show_warnings_briefly()
+        try:
+            return args.run(args)
+        except USER_ERRORS as problem:
+            if debug:
+                raise
+            error(_text(problem))
+            return 2
+        except KeyboardInterrupt:
+            if debug:
+                raise
+            error("interrupted")
+            return 130
+
+
+def parser() -> argparse.ArgumentParser:
+    """The parser with all subcommands."""
+    made = argparse.ArgumentParser(prog="jaxfem", description="Simulate soft bodies. Units are SI throughout.")
+    made.add_argument("--version", action="version", version=f"jaxfem {metadata.version('jaxfem')}")
+    made.add_argument("--debug", action="store_true", help="show where an error comes from")
+    subparsers = made.add_subparsers(title="commands", metavar="COMMAND", required=True)
+    for command in COMMANDS:
+        command.add(subparsers)
+    return made
+
+
+def _text(problem: BaseException) -> str:
+    """The error's message on one line; the system's own errors with their file."""
+    if isinstance(problem, OSError) and problem.strerror:
+        return f"{problem.filename}: {problem.strerror}" if problem.filename else problem.strerror
+    return " ".join(str(problem).split())
+
+
+def _show_warnings_briefly() -> None:
+    """Until the surrounding catch_warnings ends: the package's warnings as a line, others as Python shows them."""
+    usual = warnings.showwarning
+
+    def show(message: Any, category: type[Warning], *rest: Any, **more: Any) -> None:
+        if issubclass(category, jaxfem.AccuracyWarning):
+            warning(message)
+        else:
+            usual(message, category, *rest, **more)
+
+    warnings.showwarning = show
+
+
+if __name__ == "__main__":
+    sys.exit(main())

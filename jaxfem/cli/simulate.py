@@ -1,0 +1,95 @@
+"""`jaxfem simulate`: run a scene file, write frames, tables and plots as it goes."""
+
+import argparse
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+
+from jaxfem.cli.messages import error, warning
+from jaxfem.cli.running import Run, advance
+from jaxfem.io.export import FrameWriter, read_frame
+from jaxfem.io.plots import PlotError, plot_energies, plot_series, plot_shapes, require_matplotlib
+from jaxfem.io.scene_files import SceneFile, load_scene
+from jaxfem.mesh.topology import boundary_faces
+
+EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
+FEW_POINTS = 2  # with more tracked points, three lines each would be too many
+
+
+def add(subparsers: Any) -> None:
+    """Add the command to the parser."""
+    parser = subparsers.add_parser("simulate", help="run a scene file", description="Run a scene file.")
+    parser.add_argument("file", metavar="FILE.toml", help="the scene: bodies, time step, solver, output")
+    parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
+    parser.add_argument("--steps", type=_positive, metavar="N", help="how many steps, instead of what [time] says")
+    parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run the scene; 0 at its end, 3 when a step fails, 130 when interrupted."""
+    file = load_scene(args.file)
+    if file.precision == "float64":
+        jax.config.update("jax_enable_x64", True)
+    folder = Path(args.out) if args.out else file.folder
+    plots = not args.no_plots and _can_plot()
+    model, params, state = file.build()
+    job = Run(model, params, state, file.dt, args.steps or file.steps, file.every)
+    begun = time.perf_counter()
+    with FrameWriter(folder, file.source.stem, model, params, file.points) as writer:
+        advance(job, writer)
+    wall = time.perf_counter() - begun
+    pictures = _plots(writer) if plots and writer.saved else []
+    if job.interrupted:
+        error(f"interrupted after step {job.done} of {job.steps} (t = {job.done * job.dt:g} s)")
+    if job.problem:
+        error(job.problem)
+    print(_summary(job, wall, writer, pictures, file))
+    return EXIT_INTERRUPTED if job.interrupted else EXIT_FAILED if job.problem else 0
+
+
+def _summary(job: Run, wall: float, writer: FrameWriter, pictures: list[Path], file: SceneFile) -> str:
+    compiling, each = job.timing()
+    pace = f"compiling {compiling:.1f} s" + (f", then {each * 1e3:.3g} ms a step" if each else " and the first steps")
+    names = [path.name for path in writer.files()] + [path.name for path in pictures]
+    frames = f"{len(writer.saved)} frame" + ("" if len(writer.saved) == 1 else "s")
+    return (
+        f"{file.source.name}: {job.done} of {job.steps} steps, to t = {job.done * job.dt:g} s, in {wall:.1f} s"
+        f" ({pace})\nwrote {frames} and {', '.join(names)} in {writer.folder}"
+    )
+
+
+def _can_plot() -> bool:
+    try:
+        require_matplotlib()
+    except PlotError as problem:
+        warning(f"{problem}; going on without them")
+        return False
+    return True
+
+
+def _plots(writer: FrameWriter) -> list[Path]:
+    """Energies over time, the first, middle and last shape, and how far tracked points moved."""
+    made = [plot_energies(writer.folder / "energies.png", writer.times, writer.energies)]
+    chosen = dict.fromkeys([0, (len(writer.saved) - 1) // 2, len(writer.saved) - 1])
+    frames = [read_frame(writer.saved[i].path, writer.saved[i].time) for i in chosen]
+    shapes = {f"t = {frame.time:.4g} s": frame.positions for frame in frames}
+    surface = boundary_faces(frames[0].cells)[0]
+    rest = frames[0].positions - frames[0].displacement
+    made.append(plot_shapes(writer.folder / "shapes.png", surface, shapes, rest))
+    moved = {name: path - path[0] for name, path in writer.paths.items()}
+    if moved:
+        lines = {f"{name} {axis}": path[:, i] for name, path in moved.items() for i, axis in enumerate("xyz")}
+        if len(moved) > FEW_POINTS:
+            lines = {name: (path**2).sum(axis=1) ** 0.5 for name, path in moved.items()}
+        made.append(plot_series(writer.folder / "points.png", writer.times, lines, "displacement", "m"))
+    return made
+
+
+def _positive(text: str) -> int:
+    value = int(text) if text.strip().isdigit() else 0
+    if value < 1:
+        raise argparse.ArgumentTypeError(f"{text!r} is not a whole number of at least 1")
+    return value
