@@ -1,0 +1,126 @@
+"""From a recording to what is compared: samples since the release, in the body's frame as far as that is known."""
+
+import dataclasses
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.frames import check_frame, rigid_fit
+from jaxfem.fitting.recording import Recording, release_row, settled_row
+
+FRAMES = ("none", "rest", "all")
+COMPARISONS = ("displacement", "position")
+SLACK = 1e-6  # of the sample spacing
+
+
+@dataclasses.dataclass(frozen=True)
+class Measurement:
+    """Samples from the release on: `times` (T,) [s] since then, `positions` (T, M, 3) [m], `seen` (T, M), `origin` (M, 3)
+    the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
+    names markers without an origin."""
+
+    times: np.ndarray
+    positions: np.ndarray
+    seen: np.ndarray
+    origin: np.ndarray
+    still_rows: np.ndarray
+    spacing: float
+    left_out: tuple[str, ...] = ()
+
+    @property
+    def displacement_scale(self) -> float:
+        """Root mean square displacement from the origin [m]."""
+        square = ((self.positions - self.origin) ** 2).sum(axis=-1)[self.seen]
+        return float(np.sqrt(square.mean()))
+
+
+def measurement(
+    recording: Recording, nominal: np.ndarray, *, frame: str, compare: str, release: Any, end: Any
+) -> Measurement:
+    """Cut a recording to the motion and turn it into the body's frame.
+
+    `nominal` (M, 3): the markers' places on the body at the start. `frame`, `compare`, `release`, `end` as in `fit`.
+    """
+    _check_choice("frame", frame, FRAMES)
+    _check_choice("compare", compare, COMPARISONS)
+    first = _release(recording, release)
+    last = _end(recording, end, first)
+    if last - first < 2:
+        raise FitError(
+            f"only {last - first} rows lie between the release at {recording.times[first]:g} s and the end: give another "
+            "release or end"
+        )
+    still = slice(0, first + 1) if compare == "displacement" or frame == "rest" else slice(first, first + 1)
+    origin, still_rows = _origin(recording, still, first, compare)
+    positions = recording.positions[first:last]
+    if frame == "rest":
+        known = np.isfinite(origin).all(axis=1)
+        check_frame(nominal[known], 'frame = "rest"')
+        rotation, translation = (np.asarray(a) for a in rigid_fit(origin, nominal, known.astype(float)))
+        positions, origin = positions @ rotation.T + translation, origin @ rotation.T + translation
+    elif frame == "all":
+        check_frame(nominal, 'frame = "all"')
+    if compare == "position":  # no origin is needed but for the size of the motion
+        origin = np.where(np.isfinite(origin), origin, np.nanmedian(positions, axis=0))
+    known = np.isfinite(origin).all(axis=1)
+    seen = recording.seen[first:last] & known
+    if not seen.any():
+        raise FitError("no marker is seen between the release and the end: give another release or end")
+    times = recording.times[first:last] - recording.times[first]
+    filled = np.where(seen[..., None], positions, 0.0)
+    left_out = tuple(name for name, there in zip(recording.names, known, strict=True) if not there)
+    return Measurement(times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out)
+
+
+def _release(recording: Recording, release: Any) -> int:
+    if isinstance(release, str):
+        if release != "auto":
+            raise FitError(f'release is {release!r}; give "auto" or a time in s')
+        return release_row(recording)
+    slack = SLACK * recording.spacing
+    if not recording.times[0] - slack <= release <= recording.times[-1]:
+        raise FitError(
+            f"release = {release:g} s is outside the recording, which runs from {recording.times[0]:g} to "
+            f"{recording.times[-1]:g} s"
+        )
+    return int(np.searchsorted(recording.times, release - slack))
+
+
+def _end(recording: Recording, end: Any, first: int) -> int:
+    """One past the last row used."""
+    if end is None:
+        return len(recording.times)
+    if isinstance(end, str):
+        if end != "settled":
+            raise FitError(f'end is {end!r}; give "settled", a time in s, or nothing for the whole recording')
+        return max(settled_row(recording), first + 2)
+    if end <= recording.times[first]:
+        raise FitError(f"end = {end:g} s is not after the release at {recording.times[first]:g} s")
+    return int(np.searchsorted(recording.times, end + SLACK * recording.spacing, side="right"))
+
+
+def _origin(recording: Recording, still: slice, first: int, compare: str) -> tuple[np.ndarray, np.ndarray]:
+    """Place of each marker before the release (M, 3), NaN where it was never seen, and the number of samples (M,).
+
+    The median, not the mean: a marker that the camera loses for a while jumps when it is found again.
+    """
+    seen = recording.seen[still]
+    # Hands drift: only the second half of a long wait is taken.
+    seen[: (first + 1) // 2] &= first < 2
+    counts = seen.sum(axis=0)
+    origin = np.full(recording.positions.shape[1:], np.nan)
+    for marker in np.flatnonzero(counts):
+        origin[marker] = np.median(recording.positions[still][seen[:, marker], marker], axis=0)
+    lost = [recording.names[m] for m in np.flatnonzero(counts == 0)]
+    if len(lost) == len(recording.names) and compare == "displacement":
+        raise FitError(
+            "no marker is seen at the release, so displacements have no origin: give another release, or "
+            'compare = "position"'
+        )
+    return origin, counts
+
+
+def _check_choice(what: str, value: str, known: tuple[str, ...]) -> None:
+    if value not in known:
+        raise FitError(f'{what} is {value!r}; known: {", ".join(known)}')

@@ -1,0 +1,135 @@
+"""Measured less simulated markers, and its derivatives: compiled once, evaluated many times."""
+
+import dataclasses
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.frames import rigid_fit
+from jaxfem.fitting.markers import Markers, marker_positions
+from jaxfem.fitting.measurement import Measurement
+from jaxfem.fitting.unknowns import physical, with_values
+from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import pytree
+from jaxfem.stepping import rollout
+
+Array = jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Plan:
+    """What shapes the compiled program: fitted `names`, saved `frames`, steps per frame, `frame` and `compare`."""
+
+    names: tuple[str, ...]
+    frames: int
+    every: int
+    frame: str
+    compare: str
+
+
+@pytree
+class Problem:
+    """Everything else: scene, markers, samples `measured` (T, M, 3) with `weights` (T, M, 3) that are 0 where missing,
+    `origin` (M, 3), `times` (T,) in frames since the start, step `dt`."""
+
+    model: Model
+    params: Params
+    state: State
+    markers: Markers
+    measured: Array
+    weights: Array
+    origin: Array
+    times: Array
+    dt: Array
+
+
+@pytree
+class Outcome:
+    """Side results of an evaluation: `simulated` and `measured` (T, M, 3) in the body's frame, worst `status`."""
+
+    simulated: Array
+    measured: Array
+    status: Array
+
+
+def make_problem(
+    model: Model, params: Params, state: State, markers: Markers, measured: Measurement, plan: Plan, dt: float, sigma: Any
+) -> Problem:
+    """Arrays of the compiled evaluation; `sigma`: None, or one number, one a marker (M,), or (M, 3) [m]."""
+    dtype = model.rest.dtype
+    weights = np.broadcast_to(measured.seen[..., None], measured.positions.shape).astype(np.float64)
+    weights = weights / _sigma(sigma, measured)
+    cast = [
+        jnp.asarray(a, dtype)
+        for a in (measured.positions, weights, measured.origin, measured.times / (plan.every * dt), dt)
+    ]
+    return Problem(model, params, state, markers, *cast)
+
+
+@partial(jax.jit, static_argnames="plan")
+def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+    """Weighted residuals (T, M, 3), simulated less measured, zero where a sample is missing, at z (P,)."""
+    delay = jnp.zeros((), z.dtype)
+    values = {name: physical(name, z[i]) for i, name in enumerate(plan.names)}
+    delay = values.pop("delay", delay)
+    frames, status = _simulated_frames(with_values(problem.params, values), problem, plan)
+    simulated = interpolated(frames, problem.times - delay / (plan.every * problem.dt))
+    measured, origin = problem.measured, problem.origin
+    if plan.frame == "all":
+        seen = problem.weights[..., 0].reshape(-1)
+        rotation, translation = rigid_fit(measured.reshape(-1, 3), simulated.reshape(-1, 3), seen**2)
+        measured = measured @ rotation.T + translation
+        origin = origin @ rotation.T + translation
+    difference = simulated - measured
+    if plan.compare == "displacement":
+        difference = difference - (frames[0] - origin)
+    outcome = Outcome(simulated, measured - origin + frames[0] if plan.compare == "displacement" else measured, status)
+    return problem.weights * difference, outcome
+
+
+@partial(jax.jit, static_argnames="plan")
+def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Outcome]:
+    """`residuals` with the Jacobian (P, T, M, 3): the simulation runs once, its tangents side by side."""
+
+    def tangent(direction: Array) -> tuple[Array, Array, Outcome]:
+        return jax.jvp(lambda u: residuals(u, problem, plan), (z,), (direction,), has_aux=True)
+
+    return jax.vmap(tangent, out_axes=(None, 0, None))(jnp.eye(z.size, dtype=z.dtype))
+
+
+def interpolated(frames: Array, places: Array) -> Array:
+    """Frames (n, ...) at fractional numbers `places` (T,), by Catmull-Rom cubics: exact at whole numbers, smooth between.
+
+    Before the first frame and after the last its value is held.
+    """
+    last = frames.shape[0] - 1
+    places = jnp.clip(places, 0.0, float(last))
+    whole = jnp.minimum(jnp.floor(places), last - 1).astype(int)
+    s = (places - whole).reshape(-1, *[1] * (frames.ndim - 1))
+    a, b, c, d = (frames[jnp.clip(whole + k, 0, last)] for k in (-1, 0, 1, 2))
+    return b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
+
+
+def _simulated_frames(params: Params, problem: Problem, plan: Plan) -> tuple[Array, Array]:
+    steps = plan.frames * plan.every
+    states, infos = rollout(problem.model, params, problem.state, problem.dt, steps, every=plan.every)
+    start = marker_positions(problem.markers, problem.state.positions)
+    frames = jnp.concatenate([start[None], marker_positions(problem.markers, states.positions)])
+    return frames, jnp.max(infos.status)
+
+
+def _sigma(sigma: Any, measured: Measurement) -> np.ndarray:
+    """Scale of the residuals (M, 3): the motion's own where no scatter is known, so that weights are alike."""
+    count = measured.positions.shape[1]
+    array = np.asarray(measured.displacement_scale if sigma is None else sigma, dtype=np.float64)
+    array = array[:, None] if array.shape == (count,) else array
+    if array.shape not in ((), (count, 1), (count, 3)) or not (np.isfinite(array).all() and (array > 0).all()):
+        raise FitError(
+            f"sigma is {sigma!r}: give the markers' scatter in m as one positive number, one for each of the {count} "
+            f"markers, or ({count}, 3)"
+        )
+    return np.broadcast_to(array, (count, 3))

@@ -1,0 +1,185 @@
+"""Recordings of markers: read, checked, written; NumPy on the host."""
+
+import csv
+import dataclasses
+import pathlib
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+
+AXES = ("x", "y", "z")
+STILL = 0.05  # share of the largest excursion that the still rows before the release stay below
+FEW = 3  # still rows; with fewer, the recording is taken to start at the release
+
+
+@dataclasses.dataclass(frozen=True)
+class Recording:
+    """Places of markers over time: `times` (T,) [s], `positions` (T, M, 3) [m], NaN where a sample is missing, `names`.
+
+    Any rigid frame. FitError where it is empty, the times do not increase, or shapes do not match.
+    """
+
+    times: Any
+    positions: Any
+    names: Sequence[str]
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "times", np.asarray(self.times, dtype=np.float64))
+        object.__setattr__(self, "positions", np.asarray(self.positions, dtype=np.float64))
+        object.__setattr__(self, "names", tuple(self.names))
+        rows, count = len(self.times), len(self.names)
+        if count == 0:
+            raise FitError("the recording holds no marker: give at least one, as columns NAME_x_m, NAME_y_m, NAME_z_m")
+        if rows < 2:
+            raise FitError(f"the recording holds {rows} rows; a motion needs at least two")
+        if len(set(self.names)) < count:
+            raise FitError(f"two markers of the recording share a name: {', '.join(self.names)}")
+        if self.positions.shape != (rows, count, 3):
+            raise FitError(
+                f"positions have shape {self.positions.shape}; {rows} times and {count} markers need {(rows, count, 3)}"
+            )
+        if np.isinf(self.positions).any():
+            raise FitError("positions hold an infinite value; mark missing samples with NaN (a blank cell in a file)")
+        self._check_times()
+
+    def _check_times(self) -> None:
+        bad = np.flatnonzero(~np.isfinite(self.times))
+        if bad.size:
+            raise FitError(f"time of row {bad[0]} is {self.times[bad[0]]}; every row needs its time in seconds")
+        bad = np.flatnonzero(np.diff(self.times) <= 0)
+        if bad.size:
+            raise FitError(
+                f"time goes from {self.times[bad[0]]:g} s to {self.times[bad[0] + 1]:g} s at row {bad[0] + 1}: times "
+                "must increase; sort the rows and drop repeated ones"
+            )
+
+    @property
+    def seen(self) -> np.ndarray:
+        """Which samples are there, (T, M); one missing coordinate makes the sample missing."""
+        return np.asarray(np.isfinite(self.positions).all(axis=-1))
+
+    @property
+    def spacing(self) -> float:
+        """The usual time between two rows [s]."""
+        return float(np.median(np.diff(self.times)))
+
+    def subset(self, names: Sequence[str]) -> "Recording":
+        """The same rows with only these markers, in this order; FitError for a name that is not there."""
+        missing = [name for name in names if name not in self.names]
+        if missing:
+            raise FitError(f'the recording has no marker "{missing[0]}"; its markers: {", ".join(self.names)}')
+        return Recording(self.times, self.positions[:, [self.names.index(name) for name in names]], names)
+
+
+def read_recording(path: Any) -> Recording:
+    """Read a CSV file: columns time_s, then NAME_x_m, NAME_y_m, NAME_z_m of each marker; blank cells are missing.
+
+    Columns may come in any order; others are refused. FitError with file, row and column for what cannot be read.
+    """
+    path = pathlib.Path(path)
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            lines = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(c.strip() for c in row)]
+    except OSError as error:
+        raise FitError(f"cannot read the recording {path}: {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise FitError(f"{path} is not text: give a CSV file") from error
+    if not lines:
+        raise FitError(f"{path} is empty: its first row must name the columns time_s, NAME_x_m, NAME_y_m, NAME_z_m, ...")
+    header = [cell.strip() for cell in lines[0][1]]
+    names = _marker_names(path, header)
+    if len(lines) < 3:
+        raise FitError(f"{path} holds {len(lines) - 1} rows of samples; a motion needs at least two")
+    table = np.array([list(_numbers(path, number, row, header)) for number, row in lines[1:]])
+    columns = [[header.index(f"{name}_{axis}_m") for axis in AXES] for name in names]
+    try:
+        return Recording(table[:, header.index("time_s")], table[:, columns], names)
+    except FitError as error:
+        raise FitError(f"{path}: {error}") from error
+
+
+def write_recording(path: Any, recording: Recording, digits: int = 9) -> None:
+    """Write a CSV file that `read_recording` reads; missing samples become blank cells."""
+    with pathlib.Path(path).open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["time_s", *(f"{name}_{axis}_m" for name in recording.names for axis in AXES)])
+        for time, row in zip(recording.times, recording.positions, strict=True):
+            cells = ["" if np.isnan(value) else f"{value:.{digits}g}" for value in row.ravel()]
+            writer.writerow([f"{time:.{digits}g}", *cells])
+
+
+def release_row(recording: Recording) -> int:
+    """The last still row: the markers' mean distance from their first places then leaves 5 % of its largest value.
+
+    0 where fewer than three still rows come first: the recording is then taken to begin at the release. FitError where
+    the markers do not move beyond their scatter.
+    """
+    distance = _excursion(recording)
+    largest, scatter = distance.max(), np.median(np.abs(np.diff(distance)))
+    if largest <= 0 or largest < 5 * scatter:
+        raise FitError(
+            f"the markers move {largest:.3g} m, no more than they scatter: no release to be found; give release = TIME"
+        )
+    moving = int(np.argmax(distance > STILL * largest))
+    return moving - 1 if moving > FEW else 0
+
+
+def settled_row(recording: Recording) -> int:
+    """The first row from which the markers stay within 5 % of the largest excursion of their last places."""
+    backwards = Recording(-recording.times[::-1], recording.positions[::-1], recording.names)
+    distance = _excursion(backwards)
+    moving = int(np.argmax(distance > STILL * max(distance.max(), np.finfo(float).tiny)))
+    return len(recording.times) - moving
+
+
+def _excursion(recording: Recording) -> np.ndarray:
+    """Root mean square distance of the markers from where they stand in the first rows, (T,)."""
+    first = np.empty(recording.positions.shape[1:])
+    for marker, seen in enumerate(recording.seen.T):
+        rows = np.flatnonzero(seen)[:FEW]
+        if not rows.size:
+            raise FitError(f'marker "{recording.names[marker]}" has no sample at all: leave it out')
+        first[marker] = np.median(recording.positions[rows, marker], axis=0)
+    square = ((recording.positions - first) ** 2).sum(axis=-1)
+    count = np.maximum(recording.seen.sum(axis=1), 1)
+    return np.asarray(np.sqrt(np.nansum(np.where(recording.seen, square, np.nan), axis=1) / count))
+
+
+def _marker_names(path: pathlib.Path, header: list[str]) -> list[str]:
+    if "time_s" not in header:
+        raise FitError(f'{path} has no column "time_s" (seconds); its columns: {", ".join(header)}')
+    names: list[str] = []
+    for column in header:
+        if column == "time_s":
+            continue
+        name, axis, unit = (["", *column.rsplit("_", 2)])[-3:]
+        if axis not in AXES or unit != "m" or not name:
+            raise FitError(f'{path}: column "{column}" is not one of time_s, NAME_x_m, NAME_y_m, NAME_z_m (in metres)')
+        if name not in names:
+            names.append(name)
+    for name in names:
+        missing = [f"{name}_{axis}_m" for axis in AXES if f"{name}_{axis}_m" not in header]
+        if missing:
+            raise FitError(f'{path}: marker "{name}" lacks the column {", ".join(missing)}')
+    repeated = [column for column in header if header.count(column) > 1]
+    if repeated:
+        raise FitError(f'{path}: column "{repeated[0]}" is there twice')
+    if not names:
+        raise FitError(f"{path} holds no marker: give at least one, as columns NAME_x_m, NAME_y_m, NAME_z_m")
+    return names
+
+
+def _numbers(path: pathlib.Path, number: int, row: list[str], header: list[str]) -> Iterator[float]:
+    if len(row) != len(header):
+        raise FitError(f"{path}, line {number}: {len(row)} cells where the first row names {len(header)} columns")
+    for column, cell in zip(header, row, strict=True):
+        text = cell.strip()
+        try:
+            yield float(text) if text else float("nan")
+        except ValueError:
+            raise FitError(
+                f'{path}, line {number}, column "{column}": {text!r} is not a number; leave missing samples blank'
+            ) from None

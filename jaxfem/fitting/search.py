@@ -1,0 +1,204 @@
+"""Global and local search for a few unknowns of a ringing body: scan, smooth, descend, polish.
+
+The loss of ringing data has a local minimum in the stiffness for each cycle by which the simulation may be off. Averaged
+over time the ringing goes and what stays, how far the body sinks, depends on the stiffness monotonically: so residuals
+are first smoothed over a long time, then over a shorter one, then taken as they are.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import optax
+
+from jaxfem.fitting.evaluation import Evaluator
+
+SCAN_RATIO = 2.0
+TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
+LONGEST_STEP = 1.0  # in z: a factor of 2.7
+Smoother = Callable[[np.ndarray], np.ndarray]
+
+
+@dataclasses.dataclass(frozen=True)
+class Search:
+    """How long to search. `candidates` kept after the scan, `descent` steps of `optimizer` on each (0 to leave them out),
+    `polish` Levenberg-Marquardt steps; each stage stops early when it no longer gains."""
+
+    candidates: int = 2
+    descent: int = 8
+    polish: int = 40
+    optimizer: optax.GradientTransformation | None = None
+
+
+def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.ndarray:
+    """The best z (P,) found from the starting points; KeyboardInterrupt is left to the caller."""
+    times = np.asarray(evaluator.problem.times, np.float64)
+    seen = np.asarray(evaluator.problem.weights, np.float64)[..., 0] > 0
+    span = times[-1] - times[0]
+    long, short = (smoother(times, seen, span / share) for share in (4, 20))
+    found = [point for start in starts for point in _scan(evaluator, start, long)]
+    picked = sorted(found, key=lambda each: each[0])[: search.candidates]
+    ends = []
+    for _, z in picked:
+        evaluator.stage = "coarse"
+        z = _coarse(evaluator, z, long)
+        evaluator.stage = "descent"
+        z = _descend(evaluator, z, short, search)
+        z, loss = levenberg_marquardt(evaluator, z, short, 8, tol=1e-3)
+        ends.append((loss, tuple(z)))
+    evaluator.stage = "polish"
+    best, lowest = np.array(picked[0][1]), np.inf
+    for _, end in sorted(ends):
+        if np.isfinite(lowest) and evaluator.loss(evaluator.residual(np.array(end))[0]) > 30 * lowest:
+            continue
+        z, loss = levenberg_marquardt(evaluator, np.array(end), None, search.polish)
+        if loss < lowest:
+            best, lowest = z, loss
+    return best
+
+
+def smoother(times: np.ndarray, seen: np.ndarray, width: float) -> Smoother:
+    """Averages arrays (..., T, M, 3) over time with a Gaussian of standard deviation `width`; missing samples are left out."""
+    kernel = np.exp(-0.5 * ((times[:, None] - times) / width) ** 2)
+    share = kernel[:, :, None] * seen  # (T, T, M)
+    share = share / np.maximum(share.sum(axis=1, keepdims=True), np.finfo(float).tiny)
+    share = np.moveaxis(share * seen[:, None], 2, 0)  # (M, T, T)
+    return lambda a: np.moveaxis(share @ np.moveaxis(a, -2, -3), -3, -2)
+
+
+def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tuple[float, np.ndarray]]:
+    """Minima of the smoothed and of the full loss over the stiffness, from the stiffest value down.
+
+    Soft bodies fold up, and are slow to simulate: the scan ends once the body moves much farther than measured.
+    """
+    evaluator.stage = "scan"
+    names = evaluator.unknowns.names
+    if "young" not in names:
+        return [(evaluator.loss(evaluator.residual(start)[0]), start)]
+    axis = names.index("young")
+    low, high = (bound[axis] for bound in evaluator.unknowns.box)
+    count = max(3, int(np.ceil((high - low) / np.log(SCAN_RATIO))) + 1)
+    points, losses, beyond = [], [], 0
+    for value in np.linspace(high, low, count):
+        z = start.copy()
+        z[axis] = value
+        r, outcome = evaluator.residual(z)
+        points.append(z)
+        losses.append((evaluator.loss(smooth(r)), evaluator.loss(r)))
+        beyond = beyond + 1 if _excursion_ratio(evaluator, outcome) > TOO_FAR else 0
+        if beyond == 2:
+            break
+    table = np.array(losses)
+    return [(table[i, 0], points[i]) for i in sorted(set(_minima(table[:, 0])) | set(_minima(table[:, 1])))]
+
+
+def _minima(values: np.ndarray) -> list[int]:
+    padded = np.concatenate([[np.inf], np.where(np.isfinite(values), values, np.inf), [np.inf]])
+    lowest = [i for i in range(len(values)) if padded[i + 1] <= min(padded[i], padded[i + 2])]
+    return [i for i in lowest if np.isfinite(values[i])] or [0]
+
+
+def _excursion_ratio(evaluator: Evaluator, outcome: Any) -> float:
+    simulated, measured = np.asarray(outcome.simulated), np.asarray(outcome.measured)
+    seen = np.asarray(evaluator.problem.weights)[..., 0] > 0
+    first = simulated[0]
+    far, real = (np.linalg.norm(a - first, axis=-1)[seen].max() for a in (simulated, measured))
+    return float(far / real) if np.isfinite(far) and real > 0 else np.inf
+
+
+def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Smoother) -> np.ndarray:
+    """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
+    names = evaluator.unknowns.names
+    chosen = np.array([name == "young" for name in names])
+    return levenberg_marquardt(evaluator, z, smooth, 4, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
+
+
+def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Smoother, search: Search) -> np.ndarray:
+    """An optax optimiser on the logarithm of the smoothed loss: steps of a set size, blind to bad scaling."""
+    if search.descent == 0:
+        return z
+    optimizer = search.optimizer or optax.adam(0.15, b1=0.7, b2=0.9)
+    low, high = evaluator.unknowns.box
+    state, best, lowest, idle = optimizer.init(z), z, np.inf, 0
+    for _ in range(search.descent):
+        r, jacobian, _ = evaluator.linear(z)
+        smoothed = smooth(r)
+        loss = evaluator.loss(smoothed)
+        idle = 0 if loss < 0.95 * lowest else idle + 1
+        if loss < lowest:
+            best, lowest = z, loss
+        if idle == 3 or not np.isfinite(loss) or loss == 0:
+            break
+        gradient = 2 * np.einsum("ptmi,tmi->p", smooth(jacobian), smoothed) / evaluator.samples / loss
+        updates, state = optimizer.update(gradient, state, z)
+        z = np.clip(np.asarray(optax.apply_updates(z, updates), np.float64), low, high)
+    return best
+
+
+def levenberg_marquardt(
+    evaluator: Evaluator,
+    z: np.ndarray,
+    smooth: Smoother | None,
+    iterations: int,
+    *,
+    chosen: np.ndarray | None = None,
+    tol: float = 1e-9,
+) -> tuple[np.ndarray, float]:
+    """Least squares from z inside the box: (z, loss). Stops when a step gains less than `tol` of the loss.
+
+    Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against.
+    """
+    smooth = smooth or (lambda a: a)
+    chosen = np.ones(z.size, bool) if chosen is None else chosen
+    low, high = evaluator.unknowns.box
+    damping = 1e-3
+    for _ in range(iterations):
+        r, jacobian, _ = evaluator.linear(z)
+        r, columns = smooth(r), smooth(jacobian).reshape(z.size, -1)
+        loss = evaluator.loss(r)
+        if not (np.isfinite(loss) and np.isfinite(columns).all()):
+            return z, loss
+        normal, gradient = columns @ columns.T, columns @ r.ravel()
+        free = chosen & ~((z <= low) & (gradient > 0)) & ~((z >= high) & (gradient < 0))
+        if not free.any() or loss < 1e-24:
+            return z, loss
+        trial, gain, damping = _better(evaluator, z, smooth, loss, normal, gradient, free, damping)
+        if trial is None:
+            return z, loss
+        moved, z = np.abs(trial - z).max(), trial
+        if gain < tol or moved < 1e-8:
+            return z, loss * (1 - gain)
+    return z, evaluator.loss(smooth(evaluator.residual(z)[0]))
+
+
+def _better(
+    evaluator: Evaluator,
+    z: np.ndarray,
+    smooth: Smoother,
+    loss: float,
+    normal: np.ndarray,
+    gradient: np.ndarray,
+    free: np.ndarray,
+    damping: float,
+) -> tuple[np.ndarray | None, float, float]:
+    """A point with less loss: (z or None, share of the loss gained, next damping)."""
+    low, high = evaluator.unknowns.box
+    for _ in range(8):
+        step = np.zeros_like(z)
+        step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
+        trial = np.clip(z + np.clip(step, -LONGEST_STEP, LONGEST_STEP), low, high)
+        new = evaluator.loss(smooth(evaluator.residual(trial)[0]))
+        if new < loss:
+            return trial, 1 - new / loss, max(damping / 10, 1e-12)
+        if np.abs(trial - z).max() < 1e-8:
+            break
+        damping *= 10
+    return None, 0.0, damping
+
+
+def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
+    diagonal = np.diag(normal)
+    # An unknown that the data do not see yet must not run away: its diagonal entry is kept off zero.
+    scale = np.maximum(diagonal, 1e-6 * diagonal.max() + np.finfo(float).tiny)
+    return np.asarray(np.linalg.solve(normal + damping * np.diag(scale), -gradient))
