@@ -103,7 +103,7 @@ def _problem(run: Run, number: int, state: State, info: StepInfo) -> str:
     name = run.model.bodies[owner[np.argmax(lost) if lost.any() else np.argmax(speeds)]]
     what = "not finite any more" if lost.any() else f"the fastest, {speeds.max():.3g} m/s"
     status = int(info.status) or int(Status.NOT_FINITE)
-    return f'step {number} (t = {number * run.dt:.6g} s) failed; body "{name}" is {what}. The solver {describe(status)}'
+    return f'step {number} (t = {number * run.dt:.6g} s) failed; body "{name}" is {what}. Its solve: {describe(status)}'
 
 
 def _inversion(run: Run, count: int, steps: int, following: State) -> str:
@@ -118,6 +118,6 @@ def _inversion(run: Run, count: int, steps: int, following: State) -> str:
     bodies = " and ".join(f'"{name}"' for name in names) or "a body, for a moment"
     elements = "an element is" if count == 1 else f"{count} elements are"
     return (
-        f"between steps {run.done} and {run.done + steps} {elements} turned inside out in {bodies}: take a smaller time "
-        "step, a finer mesh or gentler loads, or do not trust what happens there (said once)"
+        f"between steps {run.done} and {run.done + steps} {elements} turned inside out in {bodies}: take a smaller "
+        "time step, a finer mesh or gentler loads (said once)"
     )

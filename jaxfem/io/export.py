@@ -40,7 +40,7 @@ class Frame:
 
 
 class Saved(NamedTuple):
-    """What is kept in memory of a frame on disk: `time` [s], its `path`, `energies` [J], tracked `places` (q, 3) [m]."""
+    """What stays in memory of a frame: `time` [s], its `path`, `energies` [J], tracked `places` (q, 3) [m]."""
 
     time: float
     path: Path

@@ -14,7 +14,7 @@ class PlotError(RuntimeError):
     """Plots cannot be made; the message says what is missing."""
 
 
-def plot_energies(path: Any, times: Sequence[float], energies: Mapping[str, Sequence[float]]) -> Path:
+def plot_energies(path: Any, times: Any, energies: Mapping[str, Any]) -> Path:
     """Energies [J] over `times` [s], one line a kind and, where there are several, their sum; returns the path."""
     series = {name: np.asarray(values, float) for name, values in energies.items()}
     if len(series) > 1:
@@ -24,7 +24,7 @@ def plot_energies(path: Any, times: Sequence[float], energies: Mapping[str, Sequ
 
 def plot_series(
     path: Any,
-    times: Sequence[float],
+    times: Any,
     series: Mapping[str, Any],
     quantity: str,
     unit: str,

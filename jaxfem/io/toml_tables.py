@@ -27,10 +27,10 @@ def read_toml(path: Path) -> dict[str, Any]:
         raise SceneFileError(f"{path} is not valid TOML: {problem}") from problem
 
 
-def suggestion(word: str, known: Iterable[str]) -> str:
-    """`: did you mean 'young'?` for a near miss, else the known words."""
+def suggestion(word: str, known: Iterable[str], taken: Iterable[str] = ()) -> str:
+    """`: did you mean 'young'?` for a word near one that is not `taken` yet, else the known words."""
     words = sorted(known)
-    near = difflib.get_close_matches(word, words, n=1, cutoff=0.6)
+    near = difflib.get_close_matches(word, [each for each in words if each not in taken], n=1, cutoff=0.6)
     if near:
         return f": did you mean {near[0]!r}?"
     return f": known are {', '.join(words)}" if words else ""
@@ -49,7 +49,7 @@ class Table:
         self.values, self.where = values, where
         for key in values if known is not None else ():
             if key not in (known := tuple(known or ())):
-                raise SceneFileError(f"unknown key {key!r} in {where}{suggestion(key, known)}")
+                raise SceneFileError(f"unknown key {key!r} in {where}{suggestion(key, known, values)}")
 
     def __contains__(self, key: str) -> bool:
         return key in self.values
