@@ -4,7 +4,6 @@ import csv
 import os
 import xml.etree.ElementTree as ET
 
-import jax
 import jax.numpy as jnp
 import meshio
 import numpy as np
@@ -118,7 +117,7 @@ def test_missing_frames(tmp_path):
 
 
 def test_von_mises_stress(built):
-    """Uniaxial strain e: the deviator gives 2 mu e; shear by a small angle gives sqrt(3) mu angle; turning gives none."""
+    """Uniaxial strain e gives 2 mu e, shear by a small angle sqrt(3) mu angle, turning nothing."""
     model, _, _ = built
     mu = YOUNG / (2 * (1 + POISSON))
     turn = np.asarray(jf.rotation.rotation_vector_to_matrix(jnp.array([0.3, -0.8, 0.5])))
@@ -127,4 +126,3 @@ def test_von_mises_stress(built):
     for wanted, gradient in gradients.items():
         stress = von_mises_stress(model.elements, model.rest @ gradient.T, YOUNG, POISSON)
         np.testing.assert_allclose(stress, wanted, rtol=1e-3, atol=1e-6 * mu)
-    assert np.isfinite(jax.jit(von_mises_stress)(model.elements, model.rest, YOUNG, POISSON)).all()
