@@ -118,6 +118,6 @@ def _inversion(run: Run, count: int, steps: int, following: State) -> str:
     bodies = " and ".join(f'"{name}"' for name in names) or "a body, for a moment"
     elements = "an element is" if count == 1 else f"{count} elements are"
     return (
-        f"between steps {run.done} and {run.done + steps} {elements} turned inside out in {bodies}: take a smaller "
-        "time step, a finer mesh or gentler loads (said once)"
+        f"{elements} turned inside out in {bodies} between steps {run.done} and {run.done + steps}: take a smaller time "
+        "step, a finer mesh or gentler loads (said once)"
     )
