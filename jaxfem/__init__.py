@@ -3,6 +3,7 @@
 from jaxfem import mesh, rotation, solvers
 from jaxfem.building import AccuracyWarning, build
 from jaxfem.energies import Energies, energies
+from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
@@ -15,12 +16,15 @@ __all__ = [
     "AccuracyWarning",
     "Driven",
     "Energies",
+    "FitError",
+    "FitResult",
     "Model",
     "Motion",
     "NodalForce",
     "Params",
     "PointForce",
     "Pressure",
+    "Recording",
     "Scene",
     "SceneError",
     "SoftBody",
@@ -32,7 +36,9 @@ __all__ = [
     "build",
     "energies",
     "equilibrium",
+    "fit",
     "mesh",
+    "read_recording",
     "rollout",
     "rotation",
     "solvers",

@@ -39,6 +39,18 @@ class Evaluator:
         self.samples = int(np.count_nonzero(weights))
         self.step_failures = 0
 
+    def with_steps(self, every: int) -> "Evaluator":
+        """The same fit with `every` steps a saved frame; the history is shared."""
+        dt = self.problem.dt * self.plan.every / every
+        other = Evaluator(
+            self.problem.replace(dt=dt),  # type: ignore[attr-defined]
+            dataclasses.replace(self.plan, every=every),
+            self.unknowns,
+            self.progress,
+        )
+        other.history = self.history
+        return other
+
     def residual(self, z: np.ndarray) -> tuple[np.ndarray, Outcome]:
         """Residuals at z and the side results; infinite where the simulation left the finite numbers."""
         r, outcome = residuals(self._array(z), self.problem, self.plan)

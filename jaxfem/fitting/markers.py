@@ -19,8 +19,8 @@ Array = jax.Array
 
 @pytree
 class Markers:
-    """Points carried by elements: `cells` (M, 4) nodes and `weights` (M, 4) of the surface point beneath, `offsets` (M, 3)
-    [m] from it at rest, `gradients` (M, 4, 3) [1/m] of the element's shape functions, `names`."""
+    """Points carried by elements: `cells` (M, 4) nodes and `weights` (M, 4) of the surface point beneath, `offsets`
+    (M, 3) [m] from it at rest, `gradients` (M, 4, 3) [1/m] of the element's shape functions, `names`."""
 
     cells: Array
     weights: Array
@@ -38,8 +38,8 @@ def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     """Fix markers to a body at rest: `places` name -> (3,) [m] in the body's frame.
 
     A place inside gets the weights of its element; one outside those of the nearest surface point, and an offset that
-    turns with the element there. FitError for no marker, a place that is not three numbers, or one farther from the body
-    than the body is long (a slip of units or of frame).
+    turns with the element there. FitError for no marker, a place that is not three numbers, or one farther from the
+    body than the body is long (a slip of units or of frame).
     """
     if not places:
         raise FitError("no marker is given: name at least one with its place, like {'tip': (0.1, 0.015, 0.03)}")
@@ -54,15 +54,21 @@ def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     for name, away in zip(places, distance, strict=True):
         if away > size:
             raise FitError(
-                f'marker "{name}" lies {away:.3g} m from the body, which is {size:.3g} m long: give places in m, in the '
-                "frame of the mesh"
+                f'marker "{name}" lies {away:.3g} m from the body, which is {size:.3g} m long: give places in m, '
+                "in the frame of the mesh"
             )
     corners = cells[found]
     beneath = np.einsum("ma,mai->mi", weights, points[corners])
     offsets = np.where(distance[:, None] > 0, queries - beneath, 0.0)
     dtype = body.rest.dtype if isinstance(body, Model) else jnp.zeros(()).dtype
-    cast = [jnp.asarray(value, dtype) for value in (weights, offsets, shape_gradients(points, corners)[0])]
-    return Markers(jnp.asarray(corners, jnp.int32), *cast, names=tuple(places))
+    gradients = shape_gradients(points, corners)[0]
+    return Markers(
+        jnp.asarray(corners, jnp.int32),
+        jnp.asarray(weights, dtype),
+        jnp.asarray(offsets, dtype),
+        jnp.asarray(gradients, dtype),
+        names=tuple(places),
+    )
 
 
 def marker_positions(markers: Markers, positions: Array) -> Array:

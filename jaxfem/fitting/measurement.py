@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.frames import check_frame, rigid_fit
-from jaxfem.fitting.recording import Recording, release_row, settled_row
+from jaxfem.fitting.recording import FEW, Recording, release_row, settled_row
 
 FRAMES = ("none", "rest", "all")
 COMPARISONS = ("displacement", "position")
@@ -16,9 +16,9 @@ SLACK = 1e-6  # of the sample spacing
 
 @dataclasses.dataclass(frozen=True)
 class Measurement:
-    """Samples from the release on: `times` (T,) [s] since then, `positions` (T, M, 3) [m], `seen` (T, M), `origin` (M, 3)
-    the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
-    names markers without an origin."""
+    """Samples from the release on: `times` (T,) [s] since then, `positions` (T, M, 3) [m], `seen` (T, M), `origin` (M,
+    3) the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
+    names markers without an origin; `free_origin`: it is no better known than any sample, and found with the fit."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -27,6 +27,7 @@ class Measurement:
     still_rows: np.ndarray
     spacing: float
     left_out: tuple[str, ...] = ()
+    free_origin: bool = False
 
     @property
     def displacement_scale(self) -> float:
@@ -44,15 +45,15 @@ def measurement(
     """
     _check_choice("frame", frame, FRAMES)
     _check_choice("compare", compare, COMPARISONS)
-    first = _release(recording, release)
+    first = release_index(recording, release)
     last = _end(recording, end, first)
     if last - first < 2:
         raise FitError(
-            f"only {last - first} rows lie between the release at {recording.times[first]:g} s and the end: give another "
-            "release or end"
+            f"only {last - first} rows lie between the release at {recording.times[first]:g} s and the end: give "
+            "another release or end"
         )
     still = slice(0, first + 1) if compare == "displacement" or frame == "rest" else slice(first, first + 1)
-    origin, still_rows = _origin(recording, still, first, compare)
+    origin, still_rows = _origin(recording, still, first)
     positions = recording.positions[first:last]
     if frame == "rest":
         known = np.isfinite(origin).all(axis=1)
@@ -61,19 +62,23 @@ def measurement(
         positions, origin = positions @ rotation.T + translation, origin @ rotation.T + translation
     elif frame == "all":
         check_frame(nominal, 'frame = "all"')
-    if compare == "position":  # no origin is needed but for the size of the motion
+    free_origin = compare == "displacement" and first < FEW
+    if compare == "position" or free_origin:  # any guess will do: only the size of the motion depends on it
         origin = np.where(np.isfinite(origin), origin, np.nanmedian(positions, axis=0))
     known = np.isfinite(origin).all(axis=1)
     seen = recording.seen[first:last] & known
     if not seen.any():
-        raise FitError("no marker is seen between the release and the end: give another release or end")
+        raise FitError(
+            "no marker is seen both before and after the release: give another release or end, or compare by position"
+        )
     times = recording.times[first:last] - recording.times[first]
     filled = np.where(seen[..., None], positions, 0.0)
     left_out = tuple(name for name, there in zip(recording.names, known, strict=True) if not there)
-    return Measurement(times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out)
+    return Measurement(times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin)
 
 
-def _release(recording: Recording, release: Any) -> int:
+def release_index(recording: Recording, release: Any) -> int:
+    """The row of the release: found, or the one at the time that `release` gives [s]."""
     if isinstance(release, str):
         if release != "auto":
             raise FitError(f'release is {release!r}; give "auto" or a time in s')
@@ -100,7 +105,7 @@ def _end(recording: Recording, end: Any, first: int) -> int:
     return int(np.searchsorted(recording.times, end + SLACK * recording.spacing, side="right"))
 
 
-def _origin(recording: Recording, still: slice, first: int, compare: str) -> tuple[np.ndarray, np.ndarray]:
+def _origin(recording: Recording, still: slice, first: int) -> tuple[np.ndarray, np.ndarray]:
     """Place of each marker before the release (M, 3), NaN where it was never seen, and the number of samples (M,).
 
     The median, not the mean: a marker that the camera loses for a while jumps when it is found again.
@@ -112,15 +117,9 @@ def _origin(recording: Recording, still: slice, first: int, compare: str) -> tup
     origin = np.full(recording.positions.shape[1:], np.nan)
     for marker in np.flatnonzero(counts):
         origin[marker] = np.median(recording.positions[still][seen[:, marker], marker], axis=0)
-    lost = [recording.names[m] for m in np.flatnonzero(counts == 0)]
-    if len(lost) == len(recording.names) and compare == "displacement":
-        raise FitError(
-            "no marker is seen at the release, so displacements have no origin: give another release, or "
-            'compare = "position"'
-        )
     return origin, counts
 
 
 def _check_choice(what: str, value: str, known: tuple[str, ...]) -> None:
     if value not in known:
-        raise FitError(f'{what} is {value!r}; known: {", ".join(known)}')
+        raise FitError(f"{what} is {value!r}; known: {', '.join(known)}")

@@ -22,13 +22,15 @@ Array = jax.Array
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What shapes the compiled program: fitted `names`, saved `frames`, steps per frame, `frame` and `compare`."""
+    """What shapes the compiled program: fitted `names`, saved `frames`, steps per frame, `frame`, `compare`,
+    `free_origin`: whether displacements are compared up to one constant for each marker."""
 
     names: tuple[str, ...]
     frames: int
     every: int
     frame: str
     compare: str
+    free_origin: bool = False
 
 
 @pytree
@@ -57,7 +59,14 @@ class Outcome:
 
 
 def make_problem(
-    model: Model, params: Params, state: State, markers: Markers, measured: Measurement, plan: Plan, dt: float, sigma: Any
+    model: Model,
+    params: Params,
+    state: State,
+    markers: Markers,
+    measured: Measurement,
+    plan: Plan,
+    dt: float,
+    sigma: Any,
 ) -> Problem:
     """Arrays of the compiled evaluation; `sigma`: None, or one number, one a marker (M,), or (M, 3) [m]."""
     dtype = model.rest.dtype
@@ -87,8 +96,11 @@ def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     difference = simulated - measured
     if plan.compare == "displacement":
         difference = difference - (frames[0] - origin)
-    outcome = Outcome(simulated, measured - origin + frames[0] if plan.compare == "displacement" else measured, status)
-    return problem.weights * difference, outcome
+    if plan.free_origin:
+        seen = problem.weights > 0
+        mean = jnp.sum(jnp.where(seen, difference, 0.0), axis=0) / jnp.maximum(jnp.sum(seen, axis=0), 1)
+        difference = difference - mean
+    return problem.weights * difference, Outcome(simulated, simulated - difference, status)
 
 
 @partial(jax.jit, static_argnames="plan")
@@ -102,7 +114,8 @@ def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Ou
 
 
 def interpolated(frames: Array, places: Array) -> Array:
-    """Frames (n, ...) at fractional numbers `places` (T,), by Catmull-Rom cubics: exact at whole numbers, smooth between.
+    """Frames (n, ...) at fractional numbers `places` (T,), by Catmull-Rom cubics: exact at whole numbers, smooth
+    between.
 
     Before the first frame and after the last its value is held.
     """

@@ -88,7 +88,7 @@ def read_recording(path: Any) -> Recording:
     except UnicodeDecodeError as error:
         raise FitError(f"{path} is not text: give a CSV file") from error
     if not lines:
-        raise FitError(f"{path} is empty: its first row must name the columns time_s, NAME_x_m, NAME_y_m, NAME_z_m, ...")
+        raise FitError(f"{path} is empty: its first row must name the columns time_s, NAME_x_m, NAME_y_m, NAME_z_m")
     header = [cell.strip() for cell in lines[0][1]]
     names = _marker_names(path, header)
     if len(lines) < 3:

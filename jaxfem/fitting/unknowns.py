@@ -62,7 +62,8 @@ def _free(name: str, value: float) -> float:
 
 
 def with_values(params: Params, values: Mapping[str, Array]) -> Params:
-    """Params with material values replaced; an array of several keeps its proportions and gets the value as its mean."""
+    """Params with material values replaced; an array of several keeps its proportions and gets the value as its
+    mean."""
     changed = {}
     for name, value in values.items():
         old = getattr(params, name)
@@ -119,4 +120,6 @@ def _check_bounds(name: str, pair: Any) -> None:
         raise FitError(f"bounds of {name} are {pair!r}; give two numbers (lowest, highest)") from None
     floor, ceiling = {"poisson": POISSON, "delay": (-np.inf, np.inf)}.get(name, (0.0, np.inf))
     if not floor < low < high < ceiling:
-        raise FitError(f"bounds of {name} are {low:g} and {high:g}; they must rise and lie between {floor:g} and {ceiling:g}")
+        raise FitError(
+            f"bounds of {name} are {low:g} and {high:g}; they must rise and lie between {floor:g} and {ceiling:g}"
+        )

@@ -1,0 +1,127 @@
+"""Warnings of a fit: what would make its values wrong although it converged."""
+
+from collections.abc import Mapping, Sequence
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.measurement import Measurement
+from jaxfem.fitting.statistics import OPEN_CORRELATION, OPEN_LOG, OPEN_POISSON, Uncertainty, ringing_frequency
+from jaxfem.fitting.unknowns import UNITS, Unknowns
+from jaxfem.model import Model, Params
+
+
+def advice(
+    model: Model,
+    params: Params,
+    unknowns: Unknowns,
+    z: np.ndarray,
+    uncertainty: Uncertainty,
+    measured: Measurement,
+    simulated: np.ndarray,
+    dt: float,
+    step_failures: int,
+) -> tuple[str, ...]:
+    """All warnings that apply, most important first. `simulated` (T, M, 3) at the measured times."""
+    texts = [
+        *_locking(model, params, unknowns),
+        *_scheme_damping(model, params, unknowns, measured, simulated, dt),
+        *_at_bounds(unknowns, z),
+        *_open_unknowns(unknowns, uncertainty),
+        *_samples(measured, uncertainty),
+    ]
+    if step_failures:
+        texts.append(
+            f"{step_failures} of the simulations had steps that did not converge; where the last of them did, the "
+            "values stand"
+        )
+    if model.rest.dtype == jnp.float32:
+        texts.append("computed in single precision: values are good to about 1e-3; use float64 for more")
+    return tuple(texts)
+
+
+def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
+    poisson = float(jnp.max(params.poisson))
+    if poisson <= 0.45 or getattr(model, "strain", "element") != "element":
+        return []
+    held = "fitted" if "poisson" in unknowns.names else "held"
+    return [
+        f"Poisson's ratio {held} at {poisson:.4g} with plain linear tetrahedra, which lock above 0.45: they are too "
+        "stiff (about five times near 0.499 on a coarse mesh), and Young's modulus comes out too low by that factor. "
+        "Hold poisson at 0.45 or below, refine the mesh and see whether the values stay"
+    ]
+
+
+def _scheme_damping(
+    model: Model, params: Params, unknowns: Unknowns, measured: Measurement, simulated: np.ndarray, dt: float
+) -> list[str]:
+    """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
+    if model.scheme != "backward_euler" or "damping" not in unknowns.names:
+        return []
+    damping = float(jnp.mean(params.damping))
+    frequency = ringing_frequency(measured.times, simulated)
+    if dt < 0.5 * damping or frequency == 0:
+        return []
+    own, material = (np.pi * frequency * time for time in (dt, damping))
+    return [
+        f"at the ringing frequency of {frequency:.3g} Hz the time step of {dt:.3g} s by itself damps with ratio "
+        f"{own:.2g} (omega dt / 2), the fitted damping of {damping:.3g} s with {material:.2g}: the fitted value holds "
+        f"for this step only, and the material's is nearer to {damping + dt:.3g} s. Take more substeps, to a step "
+        f"below {0.1 * (damping + dt):.1g} s"
+    ]
+
+
+def _at_bounds(unknowns: Unknowns, z: np.ndarray) -> list[str]:
+    texts = []
+    values = unknowns.values(z)
+    for name, each, low, high in zip(unknowns.names, z, *unknowns.box, strict=True):
+        if min(each - low, high - each) < 1e-6 * (high - low):
+            end = "lower" if each - low < high - each else "upper"
+            texts.append(
+                f"{name} ended at its {end} bound, {values[name]:.4g} {UNITS[name]}".rstrip()
+                + ": the data want a value beyond it. Widen the bounds, or ask what the model lacks"
+            )
+    return texts
+
+
+def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
+    names = unknowns.names
+    if uncertainty.singular:
+        return [
+            f"these samples do not determine {', '.join(names)} together: hold one of them fixed, or record markers "
+            "that move otherwise (across the body for poisson, more ringing for damping)"
+        ]
+    texts, spread = [], np.sqrt(np.diag(uncertainty.covariance))
+    for name, each in zip(names, spread, strict=True):
+        limit = OPEN_POISSON / 0.1 if name == "poisson" else np.inf if name == "delay" else OPEN_LOG
+        if each > limit:
+            texts.append(f"{name} is practically undetermined by these samples: its error bar is as large as itself")
+    correlation = uncertainty.correlation
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        if abs(correlation[i, j]) > OPEN_CORRELATION:
+            texts.append(
+                f"{names[i]} and {names[j]} trade off against each other (correlation {correlation[i, j]:.3f}): only a "
+                "combination of them is determined"
+            )
+    return texts
+
+
+def _samples(measured: Measurement, uncertainty: Uncertainty) -> list[str]:
+    texts: list[str] = []
+    if measured.left_out:
+        listed: Sequence[str] = measured.left_out
+        texts.append(f"{', '.join(listed)}: never seen before the release, so left out of the displacements")
+    if uncertainty.inflation > 3 and uncertainty.noise > 1e-6:  # exact data leave rounding errors
+        texts.append(
+            f"the residuals are smooth in time (about {uncertainty.inflation:.0f} samples tell the same): the model "
+            "leaves out something that the body does. Error bars are widened for it but know nothing of the bias itself"
+        )
+    return texts
+
+
+def text_of(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+    """One line a parameter: value, error bar, unit."""
+    lines = []
+    for name, value in values.items():
+        lines.append(f"  {name:<9}{value:>12.5g} +- {errors[name]:<10.2g}{UNITS[name]}".rstrip())
+    return "\n".join(lines)

@@ -1,0 +1,114 @@
+"""Fit files in TOML: which scene, which recording, where the markers sit, and how to fit. What `jaxfem fit` reads."""
+
+import dataclasses
+from pathlib import Path
+from typing import Any
+
+from jaxfem.fitting.measurement import COMPARISONS, FRAMES
+from jaxfem.fitting.unknowns import UNITS
+from jaxfem.io.scene_files import SceneFile, load_scene
+from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
+
+TOP_KEYS = ("scene", "recording", "markers", "fit", "output")
+FIT_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "bounds", "starts")
+OUTPUT_KEYS = ("folder",)
+USUAL_PARAMETERS = ("young", "poisson", "damping")
+
+
+@dataclasses.dataclass(frozen=True)
+class FitFile:
+    """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line), `places` of the
+    markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit`, `folder`."""
+
+    scene: SceneFile
+    recording: Path | None
+    places: dict[str, tuple[float, float, float]]
+    substeps: int | None
+    settings: dict[str, Any]
+    folder: Path
+    source: Path
+
+
+def load_fit(path: Any) -> FitFile:
+    """Read a fit file. Relative paths in it start at its folder.
+
+    Top level: `scene`, `recording`; [markers] NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
+    compare, release, end, substeps, sigma, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
+    [output] folder. FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
+    """
+    source = Path(path)
+    values = read_toml(source)
+    try:
+        top = Table(values, "the top level", TOP_KEYS)
+        scene = top.text("scene")
+        table = top.table("fit", FIT_KEYS, "[fit]")
+        recording = top.text("recording", None)
+        output = top.table("output", OUTPUT_KEYS, "[output]")
+        settings, places = _settings(table), _places(top)
+        substeps = table.integer("substeps", None)
+    except SceneFileError as problem:
+        raise SceneFileError(f"{source}: {problem}") from problem
+    return FitFile(
+        scene=load_scene(source.parent / scene),
+        recording=None if recording is None else source.parent / recording,
+        places=places,
+        substeps=substeps,
+        settings=settings,
+        folder=source.parent / output.text("folder", f"{source.stem}_fit"),
+        source=source,
+    )
+
+
+def _places(top: Table) -> dict[str, tuple[float, float, float]]:
+    markers = top.table("markers", None, "[markers]")
+    if not markers.values:
+        raise SceneFileError("[markers] is missing or empty: give each marker's place, like tip = [0.1, 0.015, 0.03]")
+    return {name: markers.vector(name, unit="m") for name in markers.values}
+
+
+def _settings(table: Table) -> dict[str, Any]:
+    parameters = _parameters(table)
+    settings: dict[str, Any] = {
+        "parameters": parameters,
+        "frame": table.choice("frame", FRAMES, "none"),
+        "compare": table.choice("compare", COMPARISONS, "displacement"),
+        "release": _time(table, "release", "auto", "auto"),
+        "end": _time(table, "end", None, "settled"),
+        "sigma": table.number("sigma", None, unit="m", positive=True),
+    }
+    bounds = table.table("bounds", parameters, "[fit.bounds]")
+    settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
+    settings["starts"] = _starts(table.table("starts", parameters, "[fit.starts]"))
+    return settings
+
+
+def _parameters(table: Table) -> tuple[str, ...]:
+    names = table.get("parameters", list(USUAL_PARAMETERS))
+    if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
+        raise table.wrong("parameters", 'a list of names, like ["young", "damping"]')
+    for name in names:
+        if name not in UNITS:
+            raise SceneFileError(f"unknown parameter {name!r} in [fit]{suggestion(name, UNITS)}")
+    return tuple(names)
+
+
+def _time(table: Table, key: str, default: Any, word: str) -> Any:
+    value = table.get(key, default)
+    if key in table and not (is_number(value) or value == word):
+        raise table.wrong(key, f'a time in s, or "{word}"')
+    return float(value) if is_number(value) else value
+
+
+def _starts(table: Table) -> list[dict[str, float]] | None:
+    """One dictionary a starting point: the lists of all parameters side by side."""
+    lists = {}
+    for name, value in table.values.items():
+        lists[name] = value if isinstance(value, list) else [value]
+        if not (lists[name] and all(is_number(each) for each in lists[name])):
+            raise table.wrong(name, "a number, or a list of numbers, one for each starting point")
+    lengths = {len(each) for each in lists.values()}
+    if len(lengths) > 1:
+        raise SceneFileError(f"the lists of {table.where} differ in length: give each one number a starting point")
+    if not lists:
+        return None
+    return [dict(zip(lists, point, strict=True)) for point in zip(*lists.values(), strict=True)]
