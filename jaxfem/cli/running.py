@@ -117,7 +117,6 @@ def _inversion(run: Run, count: int, steps: int, following: State) -> str:
             break
     bodies = " and ".join(f'"{name}"' for name in names) or "a body, for a moment"
     elements = "an element is" if count == 1 else f"{count} elements are"
-    return (
-        f"{elements} turned inside out in {bodies} between steps {run.done} and {run.done + steps}: take a smaller time "
-        "step, a finer mesh or gentler loads (said once)"
-    )
+    when = f"between steps {run.done} and {run.done + steps}"
+    remedy = "take a smaller time step, a finer mesh or gentler loads (said once)"
+    return f"{elements} turned inside out in {bodies} {when}: {remedy}"

@@ -22,6 +22,7 @@ from jaxfem.model import Model, Params, State, per_element
 from jaxfem.scene import SceneError
 
 ENERGIES = ("kinetic", "elastic", "gravity")
+SHORT = 500  # frames that an index lists before it is rewritten less often
 OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the mesh
 
 
@@ -51,7 +52,8 @@ class Saved(NamedTuple):
 class FrameWriter:
     """Writes frames of a run as they come; a context manager.
 
-    In `folder`: NAME.pvd, the index to open in ParaView, rewritten after every frame; frames/NAME_00000.vtu and so on,
+    In `folder`: NAME.pvd, the index to open in ParaView, rewritten after every frame (from 500 frames on after every
+    second, and so on, or a long run would do little else) and at the end; frames/NAME_00000.vtu and so on,
     with the nodes where they are at that time; energies.csv [J]; points.csv, the paths of `points` (name -> (3,) [m], a
     material point of the undeformed bodies). Frames of an earlier run of that name are removed. SceneError for a point
     outside every body.
@@ -81,7 +83,7 @@ class FrameWriter:
 
     def __exit__(self, *problem: Any) -> None:
         self._open.close()
-        if self.saved:  # the last frame may have been interrupted before it was listed
+        if self.saved:  # the last frames may not be listed yet
             self._write_index()
 
     def write(self, state: State) -> Path:
@@ -99,7 +101,8 @@ class FrameWriter:
             meshio.write(temporary, mesh, file_format="vtu")
         row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
         self.saved.append(Saved(time, path, row, self.points.at(positions)))
-        self._write_index()
+        if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
+            self._write_index()
         self._energy_row([time, *row])
         if self._point_row is not None:
             self._point_row([time, *self.saved[-1].places.ravel()])

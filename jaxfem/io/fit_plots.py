@@ -10,6 +10,7 @@ from jaxfem.fitting.unknowns import UNITS
 from jaxfem.io.plots import COLOURS, _figure, _save
 
 NICE = {"young": "Young's modulus", "poisson": "Poisson's ratio", "damping": "damping", "density": "density"}
+BACKED = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 MOST_MARKERS = 8  # panels that still can be read
 
 
@@ -62,14 +63,24 @@ def plot_fit(path: Any, result: FitResult) -> Path:
             panel.plot(result.times, measured[:, marker, axis], ".", color="0.55", markersize=3.2, label="measured")
             panel.plot(result.times, simulated[:, marker, axis], color=colour, linewidth=1.3, label="simulated")
             left = np.sqrt(np.nanmean((simulated - measured)[:, marker, axis] ** 2))
-            panel.text(0.98, 0.06, f"rms {left:.2g} mm", transform=panel.transAxes, ha="right", fontsize=7, color="0.3")
+            panel.text(
+                0.98,
+                0.06,
+                f"rms {left:.2g} mm",
+                transform=panel.transAxes,
+                ha="right",
+                fontsize=7,
+                color="0.3",
+                bbox=BACKED,
+            )
             _plain(panel)
         row[0].set_ylabel(f"{result.markers[marker]}\n(mm)", fontsize=9)
     for axis, panel in enumerate(panels[0]):
         panel.set_title(f"displacement along {'xyz'[axis]}", fontsize=10)
     for panel in panels[-1]:
         panel.set_xlabel("time since release (s)", fontsize=9)
-    panels[0, 0].legend(frameon=False, fontsize=7, loc="upper right")
+    handles = panels[0, 1].get_legend_handles_labels()
+    figure.legend(*handles, frameon=False, fontsize=9, ncols=2, loc="outside upper center")
     return _save(figure, path)
 
 

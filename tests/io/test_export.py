@@ -11,7 +11,7 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.bodies.stress import von_mises_stress
-from jaxfem.io import FrameWriter, read_frames
+from jaxfem.io import FrameWriter, export, read_frames
 from jaxfem.io.export import read_frame
 
 YOUNG, POISSON = 1e5, 0.3
@@ -72,6 +72,19 @@ def test_index_is_xml_and_lists_the_frames(built, tmp_path):
     entry = root[0][1].attrib
     assert entry["timestep"] == "0.1" and (tmp_path / entry["file"]).is_file()
     assert entry["file"] == "frames/a & b_00001.vtu" and not (tmp_path / "points.csv").exists()
+
+
+def test_index_of_a_long_run(built, tmp_path, monkeypatch):
+    """It is rewritten less and less often, and complete at the end."""
+    monkeypatch.setattr(export, "SHORT", 2)
+    model, params, state = built
+    listed = []
+    with FrameWriter(tmp_path, "run", model, params) as writer:
+        for each in states(model, state, 7):
+            writer.write(each)
+            listed.append(len(read_frames(tmp_path / "run.pvd")))
+    assert listed[0] == 1 and listed == sorted(listed) and listed[-1] < 7
+    assert len(read_frames(tmp_path / "run.pvd")) == 7
 
 
 def test_frames_of_an_earlier_run_go(built, tmp_path):
