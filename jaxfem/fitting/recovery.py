@@ -19,7 +19,6 @@ from jaxfem.fitting.unknowns import Unknowns, start_values, unknowns, with_value
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping import check_call
 
-
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
 

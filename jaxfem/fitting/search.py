@@ -15,6 +15,7 @@ import optax
 from jaxfem.fitting.evaluation import Evaluator
 
 SCAN_RATIO = 2.0
+JUMPS = 6
 TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
 LONGEST_STEP = 1.0  # in z: a factor of 2.7
 Smoother = Callable[[np.ndarray], np.ndarray]
@@ -22,10 +23,11 @@ Smoother = Callable[[np.ndarray], np.ndarray]
 
 @dataclasses.dataclass(frozen=True)
 class Search:
-    """How long to search. `candidates` kept after the scan, `descent` steps on each of an optax `optimizer` (Adam when
-    None), `polish` Levenberg-Marquardt steps, until one gains less than `tol` of the loss; each stage stops early when it no longer gains.
+    """How long to search.
 
-    Few unknowns: from the scan, Levenberg-Marquardt alone found the same minimum in all trials and in half the
+    `candidates` kept after the scan; `descent` steps on each of an optax `optimizer` (Adam when None); `polish`
+    Levenberg-Marquardt steps, until one gains less than `tol` of the loss. Each stage stops early when it gains no
+    more. With few unknowns Levenberg-Marquardt found, from the scan, the same minimum in all trials and in half the
     evaluations, so `descent` is 0 unless asked for.
     """
 
@@ -74,7 +76,8 @@ def smoother(times: np.ndarray, seen: np.ndarray, width: float) -> Smoother:
 
 
 def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tuple[float, np.ndarray]]:
-    """Minima of the smoothed and of the full loss over the stiffness, from the stiffest value down.
+    """Minima of the smoothed and of the full loss over the stiffness, from stiff to soft, where the motion is of the
+    right size.
 
     Soft bodies fold up, and are slow to simulate: the scan ends once the body moves much farther than measured.
     """
@@ -83,12 +86,11 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tup
     if "young" not in names:
         return [(evaluator.loss(evaluator.residual(start)[0]), start)]
     axis = names.index("young")
-    low, high = (bound[axis] for bound in evaluator.unknowns.box)
+    low, high = _range(evaluator, start, axis)
     count = max(3, int(np.ceil((high - low) / np.log(SCAN_RATIO))) + 1)
     points, losses, beyond = [], [], 0
     for value in np.linspace(high, low, count):
-        z = start.copy()
-        z[axis] = value
+        z = _changed(start, axis, value)
         r, outcome = evaluator.residual(z)
         points.append(z)
         losses.append((evaluator.loss(smooth(r)), evaluator.loss(r)))
@@ -98,6 +100,25 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tup
             break
     table = np.array(losses)
     return [(table[i, 0], points[i]) for i in sorted(set(_minima(table[:, 0])) | set(_minima(table[:, 1])))]
+
+
+def _range(evaluator: Evaluator, start: np.ndarray, axis: int) -> tuple[float, float]:
+    """Where to scan log E: a factor of six about a value at which the body moves about as far as measured, found by E
+    <- E times the ratio of both; all of the bounds where that leads nowhere, as under a prescribed motion."""
+    low, high = (float(bound[axis]) for bound in evaluator.unknowns.box)
+    value = float(start[axis])
+    for _ in range(JUMPS):
+        ratio = _excursion_ratio(evaluator, evaluator.residual(_changed(start, axis, value))[1])
+        if 0.5 < ratio < 2.0:
+            return max(low, value - np.log(6.0)), min(high, value + np.log(6.0))
+        value = float(np.clip(value + np.clip(np.log(ratio), -8.0, 3.0), low, high)) if ratio > 0 else low
+    return low, high
+
+
+def _changed(z: np.ndarray, axis: int, value: float) -> np.ndarray:
+    changed = z.copy()
+    changed[axis] = value
+    return changed
 
 
 def _minima(values: np.ndarray) -> list[int]:
