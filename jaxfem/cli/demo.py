@@ -19,6 +19,7 @@ from jaxfem.stepping import rollout
 TRUE = {"young": 2.6e5, "poisson": 0.4, "damping": 4e-3}
 START = {"young": 8e6, "poisson": 0.2, "damping": 4e-4}  # the stiffness thirty times off
 STEP, STEPS = 1e-2, 80
+STILL = 30  # samples before the release
 NOISE = 3e-5  # m; good motion capture
 MARKERS = {
     "tip_top": (0.1, 0.015, 0.035),
@@ -41,7 +42,7 @@ recording = "recording.csv"     # time_s, then NAME_x_m, NAME_y_m, NAME_z_m of e
 parameters = ["young", "poisson", "damping"]    # also: "density"; "delay", of the release behind its row
 frame = "none"                  # recorded in the body's frame; "rest" or "all" for a camera's own
 compare = "displacement"        # since the release; or "position"
-release = {release:<21g}# s; "auto" finds it where the body is still at first
+release = "auto"                # found: the body is still at first; or a time in s
 # end = "settled"               # or a time in s; without it, to the end of the recording
 # substeps = 2                  # time steps a sample; without it, the scene's time step
 # [fit.bounds]
@@ -91,24 +92,26 @@ def run(args: argparse.Namespace) -> int:
 def _write_inputs(folder: Path, cells: Any, steps: int) -> Path:
     """beam.toml (the truth), beam_start.toml (where the fit starts) and fit.toml; returns the first."""
     for name, values in (("beam", TRUE), ("beam_start", START)):
-        text = beam_scene(**values, cells=cells, step=STEP, steps=steps, every=2)
+        text = beam_scene(values["young"], values["poisson"], values["damping"], cells, step=STEP, steps=steps, every=2)
         (folder / f"{name}.toml").write_text(text, encoding="utf-8")
     markers = "\n".join(f"{name} = {list(place)}" for name, place in MARKERS.items())
-    (folder / "fit.toml").write_text(_FIT.format(markers=markers, release=0.0), encoding="utf-8")
+    (folder / "fit.toml").write_text(_FIT.format(markers=markers), encoding="utf-8")
     return folder / "beam.toml"
 
 
 def _record(folder: Path, scene: Path, seed: int) -> None:
-    """The markers' places at every step of the true motion, with normal noise and a few samples lost."""
+    """The markers' places, still at first and then at every step of the true motion, with noise and a few samples
+    lost."""
     file = load_scene(scene)
     model, params, state = file.build()
     states, _ = rollout(model, params, state, file.dt, file.steps)
     markers = attach(model, MARKERS)
-    paths = [marker_positions(markers, state.positions)[None], marker_positions(markers, states.positions)]
-    clean = np.concatenate([np.asarray(path, np.float64) for path in paths])
+    still = np.asarray(marker_positions(markers, state.positions), np.float64)
+    moving = np.asarray(marker_positions(markers, states.positions), np.float64)
+    clean = np.concatenate([np.broadcast_to(still, (STILL, *still.shape)), moving])
     random = np.random.default_rng(seed)
     noisy = clean + NOISE * random.normal(size=clean.shape)
-    noisy[1:][random.random(noisy[1:].shape[:2]) < 0.02] = np.nan
+    noisy[random.random(noisy.shape[:2]) < 0.02] = np.nan
     write_recording(folder / "recording.csv", Recording(np.arange(len(noisy)) * file.dt, noisy, markers.names))
 
 

@@ -1,0 +1,28 @@
+"""`jaxfem demo`, on a coarser beam: it runs through and finds the material again."""
+
+import argparse
+import json
+
+from jaxfem.cli import demo
+from jaxfem.cli.main import main, parser
+from jaxfem.fitting import read_recording
+
+
+def test_the_demo_runs_through_and_leaves_its_files(tmp_path, capsys):
+    args = argparse.Namespace(out=str(tmp_path), seed=1, cells=(4, 1, 1), steps=50)
+    assert demo.run(args) == 0
+    told = capsys.readouterr().out
+    assert "fitted/measured_against_simulated.png" in told and "+-" in told
+    found = json.loads((tmp_path / "fitted" / "fitted.json").read_text())
+    for name, value in demo.TRUE.items():
+        assert abs(found["values"][name] - value) < 4 * found["standard_errors"][name] < 0.5 * value
+    for name in ("beam.toml", "fit.toml", "simulated/beam.pvd", "fitted/loss.png", "fitted/residuals.csv"):
+        assert (tmp_path / name).is_file()
+    recording = read_recording(tmp_path / "recording.csv")
+    assert not recording.seen.all() and recording.names == tuple(demo.MARKERS)
+
+
+def test_the_command_is_there(capsys):
+    assert parser().parse_args(["demo", "--out", "x"]).out == "x"
+    assert main(["demo", "--seed", "1", "--out", "/dev/null/x"]) == 2
+    assert "/dev/null/x" in capsys.readouterr().err

@@ -1,0 +1,108 @@
+"""`jaxfem fit`: from files to values, tables and plots; mistakes in the files are named."""
+
+import csv
+import json
+import pathlib
+
+import numpy as np
+import pytest
+
+import jaxfem as jf
+from jaxfem.cli.main import main
+from jaxfem.fitting import Recording, attach, marker_positions, write_recording
+from jaxfem.io.examples import beam_scene
+from jaxfem.io.fit_files import load_fit
+from jaxfem.io.scene_files import load_scene
+
+EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples"
+PLACES = {"tip": (0.1, 0.015, 0.036), "left": (0.1, -0.006, 0.024), "side": (0.05, 0.036, 0.015)}
+FIT = """
+scene = "scene.toml"
+recording = "recording.csv"
+[markers]
+tip = [0.1, 0.015, 0.036]
+left = [0.1, -0.006, 0.024]
+side = [0.05, 0.036, 0.015]
+[fit]
+parameters = ["young", "damping"]
+release = 0.0
+[output]
+folder = "out"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A scene with the wrong material, and the recording of the right one."""
+    where = tmp_path_factory.mktemp("fit")
+    (where / "scene.toml").write_text(beam_scene(3e6, damping=3e-4, cells=(3, 1, 1), tets_per_cell=6, steps=40))
+    (where / "true.toml").write_text(beam_scene(2e5, damping=3e-3, cells=(3, 1, 1), tets_per_cell=6, steps=40))
+    (where / "fit.toml").write_text(FIT)
+    model, params, state = load_scene(where / "true.toml").build()
+    markers = attach(model, PLACES)
+    states, _ = jf.rollout(model, params, state, 0.01, 40)
+    first = marker_positions(markers, state.positions)[None]
+    positions = np.concatenate([first, marker_positions(markers, states.positions)])
+    write_recording(where / "recording.csv", Recording(np.arange(41) * 0.01, positions, markers.names), digits=12)
+    return where
+
+
+def test_files_in_values_tables_and_plots_out(folder, capsys):
+    assert main(["fit", str(folder / "fit.toml")]) == 0
+    told = capsys.readouterr()
+    assert "young" in told.out and "wrote fitted.json" in told.out and told.err == ""
+    found = json.loads((folder / "out" / "fitted.json").read_text())
+    assert found["values"] == pytest.approx({"young": 2e5, "damping": 3e-3}, rel=1e-4)
+    assert found["units"] == {"young": "Pa", "damping": "s"} and found["status"] == "converged"
+    assert (folder / "out" / "summary.txt").read_text().count("+-") == 2
+    with (folder / "out" / "residuals.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 41 * 3 and rows[4]["marker"] == "left"
+    assert max(abs(float(row["residual_z_m"])) for row in rows) < 1e-6
+    for name in ("loss.png", "measured_against_simulated.png"):
+        assert (folder / "out" / name).read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("[fit]", "[fit]\nframes = 1", "unknown key 'frames' in [fit]: did you mean 'frame'?"),
+        ('"damping"]', '"dampening"]', "unknown parameter 'dampening' in [fit]: did you mean 'damping'?"),
+        ("release = 0.0", 'release = "soon"', 'it must be a time in s, or "auto"'),
+        ("left = [0.1, -0.006, 0.024]", "left = [0.1]", "'left' in [markers]"),
+        ("left =", "lft =", 'no marker "lft"'),
+        ('recording = "recording.csv"', "", "names no recording"),
+        ('recording = "recording.csv"', 'recording = "gone.csv"', "gone.csv"),
+        ('scene = "scene.toml"', 'scene = "gone.toml"', "gone.toml"),
+        ("[output]", "[fit.starts]\nyoung = [1e5, 1e6]\ndamping = 1e-3\n[output]", "differ in length"),
+        ("[output]", "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]", "unknown key 'poisson' in [fit.bounds]"),
+    ],
+)
+def test_mistakes_are_named(folder, capsys, old, new, message):
+    (folder / "bad.toml").write_text(FIT.replace(old, new))
+    assert main(["fit", str(folder / "bad.toml")]) == 2
+    assert message in capsys.readouterr().err
+
+
+def test_settings_are_read(folder):
+    extra = "[fit.starts]\nyoung = [1e5, 1e6]\n[fit.bounds]\nyoung = [1e3, 1e7]\n[output]"
+    text = FIT.replace("[output]", extra).replace("[fit]", '[fit]\nframe = "all"\nend = "settled"\nsubsteps = 3')
+    (folder / "full.toml").write_text(text)
+    file = load_fit(folder / "full.toml")
+    assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
+    assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.settings["end"] == "settled"
+
+
+def test_the_example_of_the_real_beam(data, tmp_path, capsys):
+    """The example's own files on a coarser mesh and with fewer steps: a stiffness and a frequency of the right size."""
+    scene = (EXAMPLES / "real_beam_scene.toml").read_text().replace("cells = [10, 3, 3]", "cells = [5, 1, 1]")
+    (tmp_path / "real_beam_scene.toml").write_text(scene)
+    fit = (EXAMPLES / "real_beam.toml").read_text().replace("substeps = 8", "substeps = 4")
+    (tmp_path / "real_beam.toml").write_text(fit)
+    recording = data / "real_beam" / "gravity.csv"
+    assert main(["fit", str(tmp_path / "real_beam.toml"), "--recording", str(recording), "--no-plots"]) == 0
+    found = json.loads((tmp_path / "real_beam_fit" / "fitted.json").read_text())
+    # others found 264 kPa; coarse linear tetrahedra are too stiff, so the fit comes out below
+    assert 8e4 < found["values"]["young"] < 2.7e5
+    assert found["residual_rms_m"] < 8e-4 and found["release_s"] == pytest.approx(0.65)
+    assert "warning" in capsys.readouterr().out

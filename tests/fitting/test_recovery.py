@@ -1,0 +1,153 @@
+"""fit recovers what made the recording: exactly from exact data, within its error bars from noisy ones."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxfem as jf
+from jaxfem.fitting import FitError, Recording, Search, attach, marker_positions
+from jaxfem.fitting.objective import interpolated
+from jaxfem.fitting.statistics import ringing_frequency
+
+TRUE = {"young": 2.6e5, "poisson": 0.4, "damping": 2e-3}
+DT, STEPS = 1e-2, 60
+FAR_OFF = [
+    {"young": 30 * 2.6e5, "poisson": 0.1, "damping": 2e-2},
+    {"young": 2.6e5 / 30, "poisson": 0.48, "damping": 2e-4},
+]
+PLACES = {
+    "tip": (0.1, 0.015, 0.036),
+    "left": (0.1, -0.006, 0.024),
+    "right": (0.1, 0.036, 0.006),
+    "middle": (0.05, 0.015, 0.036),
+    "side": (0.02, 0.036, 0.015),
+}
+
+
+class Beam:
+    """A coarse beam with markers and its exact motion."""
+
+    def __init__(self):
+        mesh = jf.mesh.box((0.1, 0.03, 0.03), cells=(4, 2, 2))
+        body = jf.SoftBody(mesh, density=1070.0, fixed="x-", **TRUE)
+        self.model, self.params, self.state = jf.build(jf.Scene([body]))
+        self.markers = attach(self.model, PLACES)
+        states, _ = jf.rollout(self.model, self.params, self.state, DT, STEPS)
+        first = marker_positions(self.markers, self.state.positions)[None]
+        self.clean = np.concatenate([first, marker_positions(self.markers, states.positions)])
+        self.largest = np.abs(self.clean - self.clean[0]).max()
+
+    def recording(self, noise=0.0, still=0, seed=0):
+        positions = np.concatenate([np.repeat(self.clean[:1], still, axis=0), self.clean])
+        positions = positions + noise * self.largest * np.random.default_rng(seed).normal(size=positions.shape)
+        return Recording(np.arange(len(positions)) * DT, positions, tuple(PLACES))
+
+    def fit(self, recording, start, **settings):
+        params = self.params.replace(**{name: jnp.asarray(value) for name, value in start.items()})
+        return jf.fit(self.model, params, self.state, recording, self.markers, dt=DT, **settings)
+
+
+@pytest.fixture(scope="module")
+def beam():
+    return Beam()
+
+
+def errors(result):
+    return {name: abs(value / TRUE[name] - 1) for name, value in result.values.items()}
+
+
+@pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
+def test_exact_data_give_exact_values_from_far_off(beam, start):
+    result = beam.fit(beam.recording(), start)
+    assert max(errors(result).values()) < 1e-5
+    assert result.status == "converged" and result.noise < 1e-9
+    assert float(result.params.young) == pytest.approx(result.values["young"])
+    assert any("omega dt / 2" in text for text in result.warnings)  # the step damps five times more than the material
+
+
+@pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
+def test_noisy_data_give_values_within_their_error_bars(beam, start):
+    # 1 % of the largest displacement: young and poisson to 3 %; damping to what 10 ms steps, five times it, leave of it
+    result = beam.fit(beam.recording(noise=0.01, still=30, seed=3), start, release=0.3)
+    off = errors(result)
+    assert off["young"] < 0.03 and off["poisson"] < 0.03 and off["damping"] < 0.15
+    for name, value in result.values.items():
+        assert abs(value - TRUE[name]) < 3.5 * result.standard_errors[name] < 0.5 * TRUE[name]
+    assert result.noise == pytest.approx(0.01 * beam.largest, rel=0.1)
+
+
+def test_missing_samples_and_an_unknown_camera(beam):
+    recording = beam.recording(still=30)
+    positions = recording.positions
+    positions[np.random.default_rng(4).random(positions.shape[:2]) < 0.15] = np.nan
+    positions[50:, 3] = np.nan  # a marker that falls off
+    rotation = np.asarray(jf.rotation.rotation_vector_to_matrix(jnp.array([0.5, -2.0, 1.0])))
+    moved = Recording(recording.times, positions @ rotation.T + [0.2, 1.0, -3.0], recording.names)
+    for frame, compare in (("rest", "displacement"), ("all", "position")):
+        result = beam.fit(moved, FAR_OFF[1], frame=frame, compare=compare)
+        assert max(errors(result).values()) < 1e-3, frame
+        assert np.isnan(result.residuals).any() and result.release == pytest.approx(0.3, abs=0.011)
+
+
+def test_one_parameter_can_be_fitted_alone_and_progress_is_told(beam):
+    told = []
+    result = beam.fit(
+        beam.recording(), {"damping": 5e-2}, parameters=("damping",), progress=lambda *each: told.append(each)
+    )
+    assert result.values == pytest.approx({"damping": TRUE["damping"]}, rel=1e-5)
+    assert len(told) == len(result.history) and told[0][0] == "scan" and set(told[0][3]) == {"damping"}
+
+
+def test_an_interruption_keeps_the_best(beam):
+    def stop(stage, iteration, loss, values):
+        if iteration == 9:
+            raise KeyboardInterrupt
+
+    result = beam.fit(beam.recording(), FAR_OFF[0], progress=stop)
+    assert result.status == "interrupted"
+    assert 0.3 < result.values["young"] / TRUE["young"] < 3
+
+
+def test_an_end_at_a_bound_is_said(beam):
+    result = beam.fit(beam.recording(), {}, parameters="young", bounds={"young": (3e5, 1e6)})
+    assert any("young ended at its lower bound" in text for text in result.warnings)
+    assert "young" in result.summary()
+
+
+def test_optax_descent_may_come_first(beam):
+    result = beam.fit(beam.recording(), FAR_OFF[1], search=Search(candidates=1, descent=4))
+    assert max(errors(result).values()) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"parameters": ()}, "no parameter"),
+        ({"parameters": ("stiffness",)}, 'cannot fit "stiffness"; known: young'),
+        ({"bounds": {"density": (1, 2)}}, '"density", which is not fitted'),
+        ({"bounds": {"poisson": (0.3, 0.6)}}, "between -1 and 0.5"),
+        ({"starts": [{"young": -1.0}]}, "must be positive"),
+        ({"sigma": -1.0}, "sigma is -1.0"),
+    ],
+)
+def test_impossible_settings_are_refused(beam, settings, message):
+    with pytest.raises(FitError, match=message):
+        beam.fit(beam.recording(), {}, **settings)
+
+
+def test_interpolation_is_exact_on_samples_and_third_order_between():
+    def error(h):
+        t = np.arange(0, 1 + h / 2, h)
+        places = np.linspace(0.2, 0.8, 57)
+        return np.abs(interpolated(jnp.sin(3 * jnp.asarray(t)), jnp.asarray(places / h)) - np.sin(3 * places)).max()
+
+    frames = jnp.asarray(np.random.default_rng(0).normal(size=(6, 2, 3)))
+    np.testing.assert_array_equal(interpolated(frames, jnp.arange(6.0)), frames)
+    np.testing.assert_array_equal(interpolated(frames, jnp.array([-3.0, 9.0])), frames[jnp.array([0, 5])])
+    assert error(0.05) / error(0.025) > 2**2.5
+
+
+def test_the_ringing_frequency_is_found():
+    t = np.arange(0, 1.5, 0.01)
+    motion = (1 - np.exp(-3 * t) * np.cos(2 * np.pi * 7.7 * t))[:, None, None] * np.ones((1, 2, 3))
+    assert ringing_frequency(t, motion) == pytest.approx(7.7, rel=0.03)
