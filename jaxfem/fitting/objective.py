@@ -22,8 +22,8 @@ Array = jax.Array
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What shapes the compiled program: fitted `names`, saved `frames`, steps per frame, `frame`, `compare`,
-    `free_origin`: whether displacements are compared up to one constant for each marker."""
+    """What shapes the compiled program: fitted `names`, saved `frames`, steps `every` frame, `frame` ("none", "all"),
+    `compare`, `free_origin`: whether displacements are compared up to one constant for each marker."""
 
     names: tuple[str, ...]
     frames: int

@@ -146,7 +146,8 @@ def _plan(unknown: Unknowns, measured: Measurement, dt: float, frame: str, compa
     dt = measured.spacing / every
     early = max(0.0, -float(unknown.lower[unknown.names.index("delay")])) if "delay" in unknown.names else 0.0
     frames = max(2, int(np.ceil((measured.times[-1] + early) / measured.spacing - 1e-6)))
-    return Plan(unknown.names, frames, every, frame, compare, measured.free_origin), dt
+    solved = frame if frame == "all" else "none"  # "rest" is dealt with once, before: both share a program
+    return Plan(unknown.names, frames, every, solved, compare, measured.free_origin), dt
 
 
 def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> tuple[np.ndarray, str]:

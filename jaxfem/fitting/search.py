@@ -34,7 +34,7 @@ class Search:
     candidates: int = 2
     descent: int = 0
     polish: int = 40
-    tol: float = 1e-9
+    tol: float = 1e-6
     optimizer: optax.GradientTransformation | None = None
 
 

@@ -84,18 +84,15 @@ def test_missing_samples_and_an_unknown_camera(beam):
     rotation = np.asarray(jf.rotation.rotation_vector_to_matrix(jnp.array([0.5, -2.0, 1.0])))
     moved = Recording(recording.times, positions @ rotation.T + [0.2, 1.0, -3.0], recording.names)
     for frame, compare in (("rest", "displacement"), ("all", "position")):
-        result = beam.fit(moved, FAR_OFF[1], frame=frame, compare=compare)
+        result = beam.fit(moved, FAR_OFF[1], frame=frame, compare=compare, release=0.3)
         assert max(errors(result).values()) < 1e-3, frame
-        assert np.isnan(result.residuals).any() and result.release == pytest.approx(0.3, abs=0.011)
+        assert np.isnan(result.residuals).any() and result.release == pytest.approx(0.3)
 
 
-def test_one_parameter_can_be_fitted_alone_and_progress_is_told(beam):
+def test_progress_is_told(beam):
     told = []
-    result = beam.fit(
-        beam.recording(), {"damping": 5e-2}, parameters=("damping",), progress=lambda *each: told.append(each)
-    )
-    assert result.values == pytest.approx({"damping": TRUE["damping"]}, rel=1e-5)
-    assert len(told) == len(result.history) and told[0][0] == "scan" and set(told[0][3]) == {"damping"}
+    result = beam.fit(beam.recording(), {"damping": 1e-3}, progress=lambda *each: told.append(each))
+    assert len(told) == len(result.history) and told[0][0] == "scan" and set(told[0][3]) == set(TRUE)
 
 
 def test_an_interruption_keeps_the_best(beam):
@@ -109,7 +106,7 @@ def test_an_interruption_keeps_the_best(beam):
 
 
 def test_an_end_at_a_bound_is_said(beam):
-    result = beam.fit(beam.recording(), {}, parameters="young", bounds={"young": (3e5, 1e6)})
+    result = beam.fit(beam.recording(), {}, bounds={"young": (3e5, 1e6)})
     assert any("young ended at its lower bound" in text for text in result.warnings)
     assert "young" in result.summary()
 
@@ -142,8 +139,8 @@ def test_interpolation_is_exact_on_samples_and_third_order_between():
         return np.abs(interpolated(jnp.sin(3 * jnp.asarray(t)), jnp.asarray(places / h)) - np.sin(3 * places)).max()
 
     frames = jnp.asarray(np.random.default_rng(0).normal(size=(6, 2, 3)))
-    np.testing.assert_array_equal(interpolated(frames, jnp.arange(6.0)), frames)
-    np.testing.assert_array_equal(interpolated(frames, jnp.array([-3.0, 9.0])), frames[jnp.array([0, 5])])
+    np.testing.assert_allclose(interpolated(frames, jnp.arange(6.0)), frames, atol=1e-14)
+    np.testing.assert_allclose(interpolated(frames, jnp.array([-3.0, 9.0])), frames[jnp.array([0, 5])], atol=1e-14)
     assert error(0.05) / error(0.025) > 2**2.5
 
 
