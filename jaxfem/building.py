@@ -50,9 +50,7 @@ def build(
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
     model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme)
     params = _params(scene, bodies, dtype)
-    velocities = np.concatenate(
-        [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
-    )
+    velocities = np.concatenate([np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies])
     impulses = (jnp.zeros((6, model.elements.count), dtype),) if model.solver == "mprgp" else None
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
     return model, params, state
@@ -63,9 +61,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     cells = np.concatenate([b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)])
     gradients, volumes = shape_gradients(points, cells)
     nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
-    driven = [
-        b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven
-    ]
+    driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
     held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     _check_disjoint(driven)
     free = np.ones(len(points))

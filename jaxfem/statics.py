@@ -9,14 +9,14 @@ from jaxfem.bodies.elasticity import elastic_response
 from jaxfem.loads import FacePressure
 from jaxfem.model import Model, Params, State, StepInfo, per_element
 from jaxfem.pytrees import pytree
-from jaxfem.routes.assembly import assemble, row_blocks, tangent_blocks
+from jaxfem.routes.assembly import BlockMatrix, assemble, tangent_blocks
 from jaxfem.routes.condensed import block_jacobi
 from jaxfem.routes.system import external_force
-from jaxfem.rows.elastic import elastic_rows
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.newton import Evaluation, minimize_newton
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping import StepError, check_call, inverted_elements
+from jaxfem.stepping import StepError, check_call, inverted_elements, typed
+from jaxfem.tensors import Matrix3
 
 Array = jax.Array
 
@@ -48,23 +48,21 @@ class _Equilibrium:
     def solve(self, inputs: _StaticInputs, guess: Array) -> tuple[Array, Any]:
         return minimize_newton(
             lambda x: _evaluate(inputs, x),
-            lambda x: _tangent(inputs, x),
+            lambda x, rotation: _tangent(inputs, x, rotation),
             guess * inputs.model.free[:, None],
             tol=inputs.model.tolerance,
             max_inner=inputs.model.max_iterations,
         )
 
     def tangent_solve(self, inputs: _StaticInputs, unknown: Array, right: Array, matvec: Any) -> Array:
-        hessian, precondition = _tangent(inputs, unknown)
+        hessian, precondition = _tangent(inputs, unknown, _evaluate(inputs, unknown).aux)
         tol, limit = inputs.model.tolerance, inputs.model.max_iterations
         if self.symmetric:
             return pcg(hessian, right, precondition, tol=tol, max_iterations=limit)[0]
         return jax.scipy.sparse.linalg.gmres(matvec, right, M=precondition, tol=tol, restart=60, maxiter=200)[0]
 
 
-def equilibrium(
-    model: Model, params: Params, state: State, *, forces: Any = None
-) -> tuple[State, StepInfo]:
+def equilibrium(model: Model, params: Params, state: State, *, forces: Any = None) -> tuple[State, StepInfo]:
     """Where the scene rests under its loads: (state at rest, info).
 
     Starts from `state.positions`; fixed and driven nodes stay where `state` has them; velocities come out zero.
@@ -74,7 +72,7 @@ def equilibrium(
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
     check_call(model, state, 1.0, forces)
-    return _equilibrium(model, params, state, forces)
+    return _equilibrium(model, *typed(model, params, state, forces))
 
 
 @jax.jit
@@ -97,13 +95,13 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     model = inputs.model
     free = model.free[:, None] > 0
     positions = jnp.where(free, unknown, inputs.held)
-    energy, force = elastic_response(model.elements, positions, *_material(inputs))
+    energy, force, rotation = elastic_response(model.elements, positions, *_material(inputs))
     load = external_force(model, inputs.params, positions, inputs.forces)
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
-    floor = jnp.finfo(unknown.dtype).eps * _typical_stiffness(inputs) * jnp.linalg.norm(positions)
-    scale = jnp.linalg.norm(load) + jnp.linalg.norm(force) + floor
-    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale)
+    scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
+    noise = jax.lax.stop_gradient(_rounding(inputs, positions))
+    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotation)
 
 
 def _typical_stiffness(inputs: _StaticInputs) -> Array:
@@ -112,14 +110,21 @@ def _typical_stiffness(inputs: _StaticInputs) -> Array:
     return jax.lax.stop_gradient(jnp.mean(_material(inputs)[0]) * length)
 
 
-def _tangent(inputs: _StaticInputs, unknown: Array):
+def _rounding(inputs: _StaticInputs, positions: Array) -> Array:
+    """Force [N] that the rounding of positions alone makes: stiffness of each element times the last digit of x."""
+    elements = inputs.model.elements
+    stiffness = _material(inputs)[0] * elements.volumes * jnp.sum(elements.gradients**2, axis=(0, 1))
+    return jnp.finfo(positions.dtype).eps * jnp.max(jnp.abs(positions)) * jnp.linalg.norm(stiffness)
+
+
+def _tangent(inputs: _StaticInputs, unknown: Array, rotation: Matrix3):
     """Products with the exact Hessian, and with the inverse blocks of the warped stiffness, which is always SPD."""
     model = inputs.model
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)
-    young, poisson = _material(inputs)
     pad = jnp.where(model.free > 0, 0.0, _typical_stiffness(inputs)).astype(positions.dtype)
-    hessian = assemble(tangent_blocks(model.elements, positions, young, poisson), pad, model.free, model.pattern)
-    unit, none = jnp.ones((), young.dtype), jnp.zeros_like(young)
-    rows = elastic_rows(model.elements, positions, young, poisson, none, unit)
-    warped = assemble(row_blocks(rows), pad, model.free, model.pattern)
-    return hessian.apply, block_jacobi(warped)
+
+    def matrix(exact: bool) -> BlockMatrix:
+        blocks = tangent_blocks(model.elements, positions, rotation, *_material(inputs), exact)
+        return assemble(blocks, pad, model.free, model.pattern)
+
+    return matrix(True).apply, block_jacobi(matrix(False))

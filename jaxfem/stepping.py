@@ -11,7 +11,7 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.routes.condensed import solve_condensed, solve_linear
 from jaxfem.routes.dual import solve_dual
 from jaxfem.routes.system import System, merged, momentum_gradient, step_system
-from jaxfem.solvers.implicit import SOLUTION, implicit_solution
+from jaxfem.solvers.implicit import SOLUTION, piecewise_linear_solution
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -45,9 +45,7 @@ class _StepCondition:
         return solve_linear(system, right)[0]
 
 
-def step(
-    model: Model, params: Params, state: State, dt: Any, *, forces: Any = None
-) -> tuple[State, StepInfo]:
+def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = None) -> tuple[State, StepInfo]:
     """Advance by one time step `dt` [s]: (next state, info).
 
     `forces` (n, 3) [N]: extra nodal forces, held over the step. Differentiable (jvp, vjp, nested) in params, state, dt
@@ -55,20 +53,20 @@ def step(
     Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
     """
     check_call(model, state, dt, forces)
-    return _step(model, params, state, jnp.asarray(dt, model.rest.dtype), forces)
+    return _step(model, *typed(model, params, state, dt, forces))
 
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
     system = step_system(model, params, state, dt, forces)
-    guess = jax.lax.stop_gradient(state.impulses if model.solver == "mprgp" else state.velocities)
-    unknown, (info, impulses) = implicit_solution(_StepCondition(model.solver), system, guess)
+    guess = state.impulses if model.solver == "mprgp" else state.velocities
+    unknown, (info, impulses) = piecewise_linear_solution(_StepCondition(model.solver), system, guess)
     velocities = merged(system, unknown)
     following = state.replace(  # type: ignore[attr-defined]
         positions=state.positions + dt * velocities,
         velocities=velocities,
         time=state.time + dt,
-        impulses=jax.lax.stop_gradient(impulses),
+        impulses=impulses,
     )
     return following, StepInfo(
         info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, state.positions)
@@ -94,24 +92,26 @@ def rollout(
     """Take `steps` steps of `dt` [s]; returns (states, infos) with a leading axis of the steps // every saved frames.
 
     Every `every`-th state is saved, and the worst info of the steps since the last. `forces`: (n, 3) constant, or
-    (steps, n, 3) [N]. Reverse derivatives keep each step's state and solution and recompute the rest; with
-    `checkpoint` = k (a multiple of `every`, dividing `steps`) only every k-th state is kept, for one more forward run.
+    (steps, n, 3) [N]. Reverse derivatives of long runs need memory: with `checkpoint` = k (a multiple of `every` that
+    divides `steps`) only each step's solution is kept and the rest recomputed, k steps at a time, without solving again.
     """
-    check_call(model, state, dt, None if forces is None else jnp.asarray(forces)[..., :, :].reshape(-1, *model.rest.shape)[0])
+    varying = forces is not None and jnp.ndim(forces) == 3
+    check_call(model, state, dt, forces[0] if varying else forces)
     _check_rollout(steps, every, checkpoint)
-    if forces is not None:
-        forces = jnp.asarray(forces, model.rest.dtype)
-        if forces.ndim == 3 and forces.shape[0] != steps:
-            raise StepError(f"forces has {forces.shape[0]} rows for {steps} steps")
-    return _rollout(model, params, state, jnp.asarray(dt, model.rest.dtype), forces, steps, every, checkpoint)
+    if varying and len(forces) != steps:
+        raise StepError(f"forces has {len(forces)} rows for {steps} steps")
+    return _rollout(model, *typed(model, params, state, dt, forces), steps, every, checkpoint)
+
+
+def typed(model: Model, *values: Any) -> Any:
+    """Arrays of the model's dtype from whatever numbers a user put there, so that no two calls differ by type alone."""
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, model.rest.dtype), values)
 
 
 @partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
 def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
     varying = forces is not None and forces.ndim == 3
-    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
 
-    @partial(jax.checkpoint, policy=keep)
     def one(carry: State, force: Array | None):
         return _step(model, params, carry, dt, force if varying else forces)
 
@@ -127,7 +127,9 @@ def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
     sliced = forces.reshape(blocks, per_block, every, *forces.shape[1:]) if varying else None
     if checkpoint is None:
         return block(state, None if sliced is None else sliced[0])[1]
-    _, saved = jax.lax.scan(jax.checkpoint(block), state, sliced, length=blocks)
+    # Solutions are small and dear, all else is large and cheap: keep the first, recompute the second.
+    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
+    _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), state, sliced, length=blocks)
     return jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
 
 
@@ -143,6 +145,7 @@ def check_call(model: Model, state: State, dt: Any, forces: Any) -> None:
     if not isinstance(dt, jax.core.Tracer) and not (jnp.ndim(dt) == 0 and 0 < float(dt) < float("inf")):
         raise StepError(f"dt is {dt}; give a positive time step in seconds, like 1e-2")
     shape = model.rest.shape
+    forces = None if forces is None else jnp.asarray(forces)
     for name, value in (("positions", state.positions), ("velocities", state.velocities), ("forces", forces)):
         if value is not None and jnp.shape(value) != shape:
             raise StepError(f"{name} has shape {jnp.shape(value)}; the model's {shape[0]} nodes need {shape}")

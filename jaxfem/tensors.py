@@ -4,6 +4,7 @@ XLA turns batched 3x3 matrix products into calls or loops of gathers; the same a
 into one pass. So kernels hold a matrix as `Matrix3`: three rows of three arrays, each of shape (E,).
 """
 
+import math
 from collections.abc import Sequence
 
 import jax
@@ -43,9 +44,7 @@ def skew(vector: Array) -> Array:
 def vex(matrix: Array) -> Array:
     """Axial vector of the skew part, (..., 3, 3) -> (..., 3); `vex(skew(v)) == v`."""
     m = matrix
-    return 0.5 * jnp.stack(
-        [m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1
-    )
+    return 0.5 * jnp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
 
 
 def matrix_of(array: Array) -> Matrix3:
@@ -112,7 +111,7 @@ def guarded_inverse(a: Matrix3) -> Matrix3:
 
 def to_eigenbasis(s: Matrix3) -> list[Array]:
     """Six coefficients of a symmetric matrix in `EIGENBASIS`: its scalar product with each basis matrix."""
-    root2, root3, root6 = np.sqrt(2.0), np.sqrt(3.0), np.sqrt(6.0)
+    root2, root3, root6 = math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0)  # Python floats: they promote nothing
     return [
         (s[0][0] + s[1][1] + s[2][2]) * (1 / root3),
         (s[0][0] - s[1][1]) * (1 / root2),
@@ -125,7 +124,7 @@ def to_eigenbasis(s: Matrix3) -> list[Array]:
 
 def from_eigenbasis(c: Sequence[Array]) -> Matrix3:
     """Symmetric matrix with the six coefficients `c` in `EIGENBASIS`; the transpose of `to_eigenbasis`."""
-    root2, root3, root6 = np.sqrt(2.0), np.sqrt(3.0), np.sqrt(6.0)
+    root2, root3, root6 = math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0)  # Python floats: they promote nothing
     mean = c[0] * (1 / root3)
     first, second = c[1] * (1 / root2), c[2] * (1 / root6)
     yz, xz, xy = c[3] * (1 / root2), c[4] * (1 / root2), c[5] * (1 / root2)

@@ -11,7 +11,7 @@ from jaxfem.bodies.elements import (
     scatter_corner_forces,
 )
 from jaxfem.bodies.material import eigenstiffness
-from jaxfem.tensors import from_eigenbasis, product, times
+from jaxfem.tensors import Matrix3, from_eigenbasis, product, times
 
 Array = jax.Array
 
@@ -25,8 +25,8 @@ def elastic_energy(
 
 def elastic_response(
     elements: Elements, positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
-) -> tuple[Array, Array]:
-    """Energy of each element (E,) [J], and force on the nodes (n, 3) [N]: -V R S grad N_a, S the rotated stress.
+) -> tuple[Array, Array, Matrix3]:
+    """Energy of each element (E,) [J], force on the nodes (n, 3) [N], and rotations: -V R S grad N_a, S the stress.
 
     With the nearest rotation the force is minus the gradient of the energy (stress and stretch share axes); with
     Gram-Schmidt it is the warped force of Mueller & Gross 2004, which has no energy.
@@ -40,4 +40,4 @@ def elastic_response(
     stress = product(rotation, from_eigenbasis([-p for p in impulse]))
     g = elements.gradients
     forces = [times(stress, [g[a, j] for j in range(3)]) for a in (1, 2, 3)]
-    return energy, scatter_corner_forces(elements, forces, positions.shape[0])
+    return energy, scatter_corner_forces(elements, forces, positions.shape[0]), rotation

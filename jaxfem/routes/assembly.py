@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.bodies.elements import Elements, deformation_gradient, rotation_of
+from jaxfem.bodies.elements import Elements, deformation_gradient
 from jaxfem.bodies.material import lame
 from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
@@ -84,27 +84,30 @@ def row_blocks(rows: ElasticRows) -> Array:
     """
     volumetric, deviatoric = 1 / rows.compliance[0], 1 / rows.compliance[1]
     first, second = (volumetric - deviatoric) / 3, deviatoric / 2
-
-    def block(a: Vector3, b: Vector3) -> Matrix3:
-        dot = second * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-        return [
-            [first * a[i] * b[j] + second * b[i] * a[j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)
-        ]
-
-    return _pair_blocks(rows.elements, matrix_of(rows.rotation), block)
+    return _pair_blocks(rows.elements, matrix_of(rows.rotation), lambda a, b: _warped_block(first, second, a, b))
 
 
-def tangent_blocks(elements: Elements, positions: Array, young: Array, poisson: Array) -> Array:
-    """Exact Hessian of the corotated energy at `positions` (n, 3), as element blocks (12, E, 9); may be indefinite.
+def _warped_block(first: Array, second: Array, a: Vector3, b: Vector3) -> Matrix3:
+    """first a b' + second (b a' + (a . b) I)."""
+    dot = second * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
+    return [[first * a[i] * b[j] + second * b[i] * a[j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)]
+
+
+def tangent_blocks(
+    elements: Elements, positions: Array, rotation: Matrix3, young: Array, poisson: Array, exact: bool = True
+) -> Array:
+    """Hessian of the corotated energy at `positions` (n, 3), whose nearest rotations are `rotation`: (12, E, 9).
+
+    The exact one may be indefinite; otherwise rotations are held (stiffness warping), which is positive semi-definite.
 
     From P = R (2 mu (S - I) + lambda tr(S - I) I), S = R'F, and R'dR = skew(B^-1 2 vex(R'dF)), B = tr(S) I - S:
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
     """
-    deformation = deformation_gradient(elements, positions)
-    rotation = rotation_of(deformation, "polar")
-    stretch = symmetric(product(transposed(rotation), deformation))
-    trace = stretch[0][0] + stretch[1][1] + stretch[2][2]
     first, second = (v * elements.volumes for v in lame(young, poisson))
+    if not exact:
+        return _pair_blocks(elements, rotation, lambda a, b: _warped_block(first, second, a, b))
+    stretch = symmetric(product(transposed(rotation), deformation_gradient(elements, positions)))
+    trace = stretch[0][0] + stretch[1][1] + stretch[2][2]
     spin = 2 * second - first * (trace - 3)
     turn = [[(trace if i == j else 0.0) - stretch[i][j] for j in range(3)] for i in range(3)]
     inverse = product(product(rotation, guarded_inverse(turn)), transposed(rotation))
@@ -113,9 +116,7 @@ def tangent_blocks(elements: Elements, positions: Array, young: Array, poisson: 
     def block(a: Vector3, b: Vector3) -> Matrix3:
         dot = 2 * second * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
         geometric = product(product(cross_matrix(a), weighted), cross_matrix(b))
-        return [
-            [first * a[i] * b[j] + geometric[i][j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)
-        ]
+        return [[first * a[i] * b[j] + geometric[i][j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)]
 
     return _pair_blocks(elements, rotation, block)
 

@@ -58,10 +58,32 @@ def _implicit_jvp(condition: Condition, primals: tuple, tangents: tuple) -> tupl
         frozen = jax.lax.stop_gradient(inputs), jax.lax.stop_gradient(unknown)
         return condition.tangent_solve(*frozen, vector, matvec)
 
-    tangent = jax.lax.custom_linear_solve(
-        hessian, -right, solve, transpose_solve=solve, symmetric=condition.symmetric
-    )
+    tangent = jax.lax.custom_linear_solve(hessian, -right, solve, transpose_solve=solve, symmetric=condition.symmetric)
     return (unknown, info), (tangent, jax.tree.map(_zero_tangent, info))
+
+
+def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[Array, Any]:
+    """The same as `implicit_solution` for a condition that is piecewise linear in the unknown.
+
+    At the solution x* found, x = x* - H^-1 (g(inputs, x*) - [the same, held fixed]) has the value x* and, as g is linear
+    in x around it, every derivative of the implicit function; the only primitive in it is a linear solve, so it can be
+    nested in scans in any mode, reverse over reverse included, where JAX drops custom rules.
+    """
+    found, info = jax.lax.stop_gradient(condition.solve(*jax.lax.stop_gradient((inputs, guess))))
+    found = checkpoint_name(found, SOLUTION)
+    residual = condition.gradient(inputs, found)
+
+    def hessian(direction: Array) -> Array:
+        return jax.jvp(lambda u: condition.gradient(inputs, u), (found,), (direction,))[1]
+
+    def solve(matvec: Callable[[Array], Array], vector: Array) -> Array:
+        return condition.tangent_solve(jax.lax.stop_gradient(inputs), found, vector, matvec)
+
+    change = residual - jax.lax.stop_gradient(residual)
+    correction = jax.lax.custom_linear_solve(
+        hessian, change, solve, transpose_solve=solve, symmetric=condition.symmetric
+    )
+    return found - correction, info
 
 
 def _zero_tangent(value: Array) -> Any:

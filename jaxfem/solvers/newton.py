@@ -13,19 +13,22 @@ from jaxfem.solvers.status import SolveInfo, Status
 Array = jax.Array
 Operator = Callable[[Array], Array]
 
-_SHORTEST = 1e-8
+_SHORTEST = 1e-6
 _DESCENT = 1e-4
 
 
 @pytree
 class Evaluation:
-    """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, the dead `load`
-    (the part of -gradient that is not in the energy), and the `scale` that residuals and rounding are measured by."""
+    """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, and the dead `load`
+    (the part of -gradient that is not in the energy). Residuals are measured by `scale`; below `noise` a gradient is
+    only rounding. `aux` is handed on to `tangent`."""
 
     energy: Array
     gradient: Array
     load: Array
     scale: Array
+    noise: Array
+    aux: Any = None
 
 
 @pytree
@@ -40,7 +43,7 @@ class _State:
 
 def minimize_newton(
     evaluate: Callable[[Array], Evaluation],
-    tangent: Callable[[Array], tuple[Operator, Operator]],
+    tangent: Callable[[Array, Any], tuple[Operator, Operator]],
     start: Array,
     *,
     tol: Any,
@@ -49,17 +52,18 @@ def minimize_newton(
 ) -> tuple[Array, SolveInfo]:
     """Find x with ||gradient|| <= tol scale, descending the energy less the work of the (momentarily frozen) load.
 
-    `tangent(x)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop early far from the solution
+    `tangent(x, aux)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop early far from the solution
     (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983). Returns x and an info whose iterations count
     Newton steps and trial points, and whose residual is relative to scale.
     """
 
     def direction_at(x: Array, here: Evaluation) -> Array:
-        return _direction(*tangent(x), here, max_inner)
+        return _direction(*tangent(x, here.aux), here, max_inner)
 
     def judge(here: Evaluation) -> Array:
-        residual = jnp.linalg.norm(here.gradient) / here.scale
-        code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+        size = jnp.linalg.norm(here.gradient)
+        residual = size / here.scale
+        code = jnp.where((residual <= tol) | (size <= here.noise), int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
         return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
 
     def trip(s: _State) -> _State:
@@ -70,7 +74,9 @@ def minimize_newton(
         x = jnp.where(good, x, s.x)
         here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
-        status = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here)).astype(jnp.int32)
+        # A search that fails at rounding level has arrived; elsewhere it is lost.
+        lost = jnp.where(jnp.linalg.norm(here.gradient) <= here.noise, int(Status.CONVERGED), int(Status.NO_DESCENT))
+        status = jnp.where(length < _SHORTEST, lost, judge(here)).astype(jnp.int32)
         again = good & (status == Status.ITERATION_LIMIT)
         direction = jax.lax.cond(again, direction_at, lambda *_: s.direction, x, here)
         return _State(x, here, direction, length, s.iteration + 1, status)

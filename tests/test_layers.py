@@ -1,0 +1,69 @@
+"""Imports point one way, ground first; and importing the package changes nothing global."""
+
+import ast
+import pathlib
+import subprocess
+import sys
+
+import jaxfem
+
+ROOT = pathlib.Path(jaxfem.__file__).parent
+
+# Ground first: a module may import from its own layer and from those before it.
+LAYERS = [
+    ["pytrees"],
+    ["rotation", "tensors"],
+    ["solvers", "mesh"],
+    ["bodies", "motion"],
+    ["loads", "model", "rows"],
+    ["routes", "scene", "energies"],
+    ["building", "stepping"],
+    ["statics"],
+    ["fitting"],
+    ["io"],
+    ["cli"],
+]
+LEVEL = {name: level for level, names in enumerate(LAYERS) for name in names}
+
+
+def imported(path: pathlib.Path) -> set[str]:
+    """Top-level jaxfem modules that a file imports, wherever in it the import stands."""
+    package = path.relative_to(ROOT.parent).parts[:-1]
+    found = set()
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom):
+            base = ".".join(package[: len(package) - node.level + 1]) if node.level else ""
+            names = [f"{base}.{node.module}" if base and node.module else base or node.module or ""]
+            if names[0] == "jaxfem":
+                names = [f"jaxfem.{alias.name}" for alias in node.names]
+        elif isinstance(node, ast.Import):
+            names = [alias.name for alias in node.names]
+        else:
+            continue
+        found |= {name.split(".")[1] for name in names if name.startswith("jaxfem.")}
+    return found
+
+
+def test_every_module_has_a_layer():
+    modules = {p.name.removesuffix(".py") for p in ROOT.iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
+    assert modules - {"__init__", "__main__", "__pycache__"} == set(LEVEL)
+
+
+def test_imports_point_to_the_ground():
+    wrong = []
+    for path in ROOT.rglob("*.py"):
+        layer = path.relative_to(ROOT).parts[0].removesuffix(".py")
+        if layer in LEVEL:
+            wrong += [
+                f"{path.name}: {layer} -> {name}" for name in imported(path) if LEVEL.get(name, 99) > LEVEL[layer]
+            ]
+    assert not wrong
+
+
+def test_import_sets_nothing_global():
+    code = (
+        "import jax, logging; before = jax.config.jax_enable_x64, logging.getLogger().level; import jaxfem; "
+        "import jax.numpy as jnp; assert (jax.config.jax_enable_x64, logging.getLogger().level) == before == (False, 30); "
+        "assert jnp.zeros(1).dtype == jnp.float32; import sys; assert 'matplotlib' not in sys.modules"
+    )
+    subprocess.run([sys.executable, "-c", code], check=True)

@@ -1,0 +1,304 @@
+"""One step and many: against closed forms, across routes, lanes and precisions, and its derivatives."""
+
+import json
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scenes
+
+import jaxfem as jf
+from jaxfem.bodies.elements import deformation_gradient, rotation_of
+from jaxfem.model import nodal_mass, per_element
+from jaxfem.routes.assembly import assemble, tangent_blocks
+
+RNG = np.random.default_rng(3)
+FORCE_FREE = (0.0, 0.0, 0.0)
+
+
+def single_mode(omega):
+    """A clamped block with one low mode, its Young's modulus set so that the mode has `omega` [rad/s]."""
+    model, params, state = scenes.beam((2, 1, 1), gravity=FORCE_FREE, damping=0.0, build={"tolerance": 1e-13})
+    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
+    rotation = rotation_of(deformation_gradient(model.elements, state.positions), "polar")
+    blocks = tangent_blocks(model.elements, state.positions, rotation, young, poisson)
+    stiffness = assemble(blocks, jnp.zeros(model.nodes), model.free, model.pattern)
+    basis = jnp.eye(3 * model.nodes).reshape(-1, model.nodes, 3)
+    dense = np.asarray(jax.vmap(stiffness.apply)(basis)).reshape(3 * model.nodes, -1)
+    moving = np.repeat(np.asarray(model.free) > 0, 3)
+    mass = np.repeat(np.asarray(nodal_mass(model, params.density)), 3)
+    root = 1 / np.sqrt(mass[moving])
+    values, vectors = np.linalg.eigh(root[:, None] * dense[np.ix_(moving, moving)] * root)
+    shape = np.zeros(3 * model.nodes)
+    shape[moving] = root * vectors[:, 0]
+    params = params.replace(young=params.young * omega**2 / values[0])
+    return model, params, state, jnp.asarray(shape.reshape(-1, 3)), mass.reshape(-1, 3)
+
+
+@pytest.mark.parametrize("solver", ["condensed", "mprgp"])
+def test_backward_euler_decays_as_its_closed_form(reference, solver):
+    table = json.loads((reference / "implicit_euler_decay.json").read_text())["table"]
+    model, params, state, shape, mass = single_mode(1.0)
+    model = model.replace(solver=solver)
+    if solver == "mprgp":
+        state = state.replace(impulses=(jnp.zeros((6, model.elements.count)),))
+        table = [row for row in table if row["omega"] <= 100][::3]
+    amplitude = 1e-8 / float(jnp.abs(shape).max())
+    start = state.replace(positions=model.rest + amplitude * shape)
+    for row in table:
+        numerator, _, denominator = row["dt"].partition("/")
+        dt = float(numerator) / float(denominator or 1)
+        values = params.replace(young=params.young * row["omega"] ** 2, damping=jnp.asarray(row["beta"]))
+        last = jax.tree.map(lambda leaf: leaf[-1], jf.rollout(model, values, start, dt, 50)[0])
+        x = float(jnp.sum(mass * shape * (last.positions - model.rest))) / amplitude
+        v = float(jnp.sum(mass * shape * last.velocities)) / amplitude
+        assert abs(x - row["x50"]) < 1e-6, row
+        assert abs(v - row["v50"]) < 1e-6 * row["omega"], row
+
+
+def test_routes_agree():
+    results = {}
+    for solver in ("condensed", "mprgp"):
+        model, params, state = scenes.beam(build={"solver": solver, "tolerance": 1e-12})
+        states, info = jf.rollout(model, params, state, 1e-2, 20)
+        assert (info.status == 0).all()
+        results[solver] = states.positions
+    np.testing.assert_allclose(results["condensed"], results["mprgp"], atol=1e-10)
+
+
+@pytest.mark.parametrize("solver", ["condensed", "mprgp"])
+def test_float32_follows_float64(solver):
+    exact = scenes.beam(build={"tolerance": 1e-10})
+    single = scenes.beam(build={"dtype": jnp.float32, "solver": solver})
+    reference_run = jf.rollout(*exact, 1e-2, 30)[0].positions
+    states, info = jf.rollout(*single, 1e-2, 30)
+    assert states.positions.dtype == jnp.float32
+    assert (info.status == 0).all()
+    sag = float(jnp.abs(reference_run[-1] - exact[2].positions).max())
+    assert jnp.abs(states.positions - reference_run).max() < 2e-3 * sag
+
+
+def test_momentum_of_a_free_body_is_kept_to_rounding():
+    model, params, state = scenes.beam((3, 2, 2), fixed=None, gravity=FORCE_FREE, build={"tolerance": 1e-14})
+    velocities = jnp.asarray(RNG.standard_normal(state.velocities.shape))
+    mass = nodal_mass(model, params.density)[:, None]
+    states, _ = jf.rollout(model, params, state.replace(velocities=velocities), 1e-3, 40)
+    momentum = jnp.sum(mass * states.velocities, axis=1)
+    size = jnp.sum(mass * jnp.abs(velocities))
+    assert jnp.abs(momentum - jnp.sum(mass * velocities, 0)).max() < 1e-12 * size
+
+
+def test_free_fall_is_exact_and_turned_bodies_stay_unstrained():
+    model, params, state = scenes.beam((2, 2, 2), fixed=None)
+    turned = state.replace(positions=state.positions @ scenes.random_rotation(5).T)
+    states, _ = jf.rollout(model, params, turned, 1e-2, 10)
+    drop = -9.81 * 1e-2**2 * 55
+    np.testing.assert_allclose(
+        states.positions[-1] - turned.positions, np.tile([0, 0, drop], (model.nodes, 1)), atol=1e-12
+    )
+
+
+GROUPS = ["young", "poisson", "damping", "density", "gravity", "positions", "velocities"]
+
+
+@pytest.fixture(scope="module")
+def rollout_loss():
+    model, params, state = scenes.beam((3, 1, 1), build={"tolerance": 1e-13})
+    state = state.replace(
+        velocities=jnp.asarray(0.1 * RNG.standard_normal(state.velocities.shape)) * model.free[:, None]
+    )
+    target = state.positions + 0.004
+
+    def loss(values):
+        own = {k: values[k] for k in GROUPS[:5]}
+        start = state.replace(positions=values["positions"], velocities=values["velocities"])
+        states, _ = jf.rollout(model, params.replace(**own), start, 1e-2, 50)
+        return jnp.sum((states.positions[::5] - target) ** 2) * 1e4
+
+    values = {k: getattr(params, k) for k in GROUPS[:5]}
+    values |= {"positions": state.positions, "velocities": state.velocities}
+    return jax.jit(loss), values
+
+
+@pytest.fixture(scope="module")
+def derivatives(rollout_loss):
+    loss, values = rollout_loss
+    directions = {k: RNG.standard_normal(np.shape(v)) * np.maximum(np.abs(v).mean(), 1e-3) for k, v in values.items()}
+    push = jax.jit(lambda tangent: jax.jvp(loss, (values,), (tangent,))[1])
+    return directions, push, jax.jit(jax.grad(loss))(values)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+def test_gradient_of_fifty_steps(rollout_loss, derivatives, group):
+    """jvp = vjp = central differences (Richardson-extrapolated) to 1e-6, in every float a rollout depends on."""
+    loss, values = rollout_loss
+    directions, push, gradient = derivatives
+    direction = directions[group]
+    only = {k: jnp.asarray(direction if k == group else np.zeros(np.shape(v))) for k, v in values.items()}
+    forward = float(push(only))
+    backward = float(jnp.vdot(gradient[group], direction))
+
+    def difference(h):
+        ends = [loss({**values, group: values[group] + s * h * direction}) for s in (1, -1)]
+        return float(ends[0] - ends[1]) / (2 * h)
+
+    h = 2e-4
+    central = (4 * difference(h / 2) - difference(h)) / 3
+    np.testing.assert_allclose(backward, forward, rtol=1e-9)
+    np.testing.assert_allclose(forward, central, rtol=1e-6)
+
+
+@pytest.mark.parametrize("solver", ["condensed", "mprgp"])
+def test_gradient_at_a_nasty_point(solver):
+    """A step from a shape with an element turned inside out: derivatives exist, are finite and equal differences."""
+    model, params, state = scenes.beam((2, 1, 1), build={"tolerance": 1e-13, "solver": solver})
+    tip = int(jnp.argmax(state.positions @ jnp.ones(3)))
+    bad = state.positions.at[tip].add(jnp.array([-0.08, -0.01, -0.005]))
+    direction = jnp.asarray(RNG.standard_normal(bad.shape))
+
+    def loss(s):
+        after, info = jf.step(model, params, state.replace(positions=bad + s * direction), 1e-3)
+        return jnp.sum(after.velocities**2), info
+
+    assert loss(0.0)[1].inverted > 0
+    forward = jax.jvp(lambda s: loss(s)[0], (0.0,), (1.0,))[1]
+    backward = jax.grad(lambda s: loss(s)[0])(0.0)
+    central = (loss(1e-7)[0] - loss(-1e-7)[0]) / 2e-7
+    np.testing.assert_allclose(forward, backward, rtol=1e-9)
+    np.testing.assert_allclose(forward, central, rtol=1e-6)
+
+
+def test_second_derivative_of_a_step():
+    model, params, state = scenes.beam((2, 1, 1), build={"tolerance": 1e-13})
+    start = jf.step(model, params, state, 1e-2)[0]
+
+    def loss(log_young):
+        after, _ = jf.step(model, params.replace(young=jnp.exp(log_young)), start, 1e-2)
+        return jnp.sum((after.positions - model.rest) ** 2) * 1e6
+
+    x, h = jnp.log(params.young), 1e-4
+    slope = jax.jit(jax.grad(loss))
+    central = (slope(x + h) - slope(x - h)) / (2 * h)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(jax.grad(loss)))(x), central, rtol=1e-6)
+
+
+def test_reverse_over_reverse_through_a_rollout():
+    """Where JAX drops custom rules: the step's derivative is a primitive linear solve and survives nested scans."""
+    model, params, state = scenes.beam((1, 1, 1), build={"tolerance": 1e-13})
+
+    def loss(log_young):
+        states, _ = jf.rollout(model, params.replace(young=jnp.exp(log_young)), state, 1e-2, 3)
+        return jnp.sum((states.positions[-1] - model.rest) ** 2) * 1e6
+
+    x, h = jnp.log(params.young), 1e-4
+    slope = jax.jit(jax.grad(loss))
+    central = (slope(x + h) - slope(x - h)) / (2 * h)
+    np.testing.assert_allclose(jax.jit(jax.grad(jax.grad(loss)))(x), central, rtol=1e-6)
+
+
+def test_sixty_four_materials_at_once_equal_single_runs():
+    model, params, state = scenes.beam((2, 1, 1), build={"tolerance": 1e-12})
+    young = jnp.geomspace(1e4, 1e6, 64)
+
+    def last(value):
+        states, info = jf.rollout(model, params.replace(young=value), state, 1e-2, 10)
+        return states.positions[-1], info.iterations
+
+    together, counts = jax.jit(jax.vmap(last))(young)
+    single = jax.jit(last)
+    for lane in range(64):
+        alone, count = single(young[lane])
+        np.testing.assert_allclose(together[lane], alone, atol=1e-13)
+        assert jnp.abs(counts[lane] - count).max() <= 1  # sums are ordered differently: rounding may cost a trip
+
+
+def test_changing_numbers_compiles_nothing():
+    from jaxfem.stepping import _step
+
+    model, params, state = scenes.beam((2, 1, 2))
+    jf.step(model, params, state, 1e-2)
+    before = _step._cache_size()
+    for change in (
+        {"young": 1e4},
+        {"poisson": 0.1},
+        {"density": 5e3},
+        {"damping": 0.1},
+        {"gravity": np.ones(3, np.float32)},
+    ):
+        jf.step(model, params.replace(**change), state, 1e-2)
+    jf.step(model, params, state.replace(time=3.0), 5e-3)
+    other = scenes.beam((2, 1, 2), size=(1.0, 0.5, 0.5), young=1e7)
+    jf.step(*other, 1e-3)
+    assert _step._cache_size() == before
+
+
+def test_rollout_saves_every_kth_state_and_checkpoints_agree():
+    model, params, state = scenes.beam((2, 1, 1))
+    everything, info = jf.rollout(model, params, state, 1e-2, 12)
+    third, coarse = jf.rollout(model, params, state, 1e-2, 12, every=3)
+    blocks, _ = jf.rollout(model, params, state, 1e-2, 12, every=3, checkpoint=6)
+    np.testing.assert_array_equal(third.positions, everything.positions[2::3])
+    np.testing.assert_allclose(blocks.positions, third.positions, atol=1e-15)
+    np.testing.assert_array_equal(coarse.iterations, info.iterations.reshape(4, 3).max(1))
+
+    def loss(young, checkpoint):
+        states, _ = jf.rollout(model, params.replace(young=young), state, 1e-2, 12, checkpoint=checkpoint)
+        return jnp.sum(states.positions[-1] ** 2)
+
+    plain, saved = (jax.grad(loss)(params.young, c) for c in (None, 4))
+    np.testing.assert_allclose(plain, saved, rtol=1e-9)
+
+
+def test_checkpointing_bounds_the_memory_of_a_long_gradient():
+    """1000 steps of 144 elements: about 32 blocks of 32 states instead of 1000; under 10 MB, measured by the compiler."""
+    model, params, state = scenes.beam((6, 2, 2))
+
+    def loss(young, checkpoint):
+        states, _ = jf.rollout(
+            model,
+            params.replace(young=young),
+            state,
+            1e-2,
+            1000,
+            every=25 if checkpoint else 1000,
+            checkpoint=checkpoint,
+        )
+        return jnp.sum(states.positions[-1] ** 2)
+
+    def temporary(checkpoint):
+        compiled = jax.jit(jax.grad(loss), static_argnums=1).lower(params.young, checkpoint).compile()
+        return compiled.memory_analysis().temp_size_in_bytes
+
+    with_blocks = temporary(25)
+    state_bytes = 2 * 8 * 3 * model.nodes
+    assert with_blocks < 10e6
+    assert with_blocks < temporary(None) / 3 or with_blocks < 100 * state_bytes
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda m, p, s: jf.step(m, p, s, 0.0), "dt is 0.0; give a positive time step"),
+        (lambda m, p, s: jf.step(m, p, s, -1e-3), "dt is -0.001"),
+        (lambda m, p, s: jf.step(m, p, s, float("nan")), "dt is nan"),
+        (lambda m, p, s: jf.step(m, p, s.replace(positions=s.positions[1:]), 1e-2), "positions has shape"),
+        (lambda m, p, s: jf.step(m, p, s, 1e-2, forces=jnp.zeros(3)), "forces has shape"),
+        (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 10, every=3), "must be a positive multiple of every"),
+        (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 0), "steps = 0"),
+        (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 10, checkpoint=3), "checkpoint = 3 must be"),
+        (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 4, forces=jnp.zeros((3, m.nodes, 3))), "3 rows for 4 steps"),
+    ],
+)
+def test_impossible_calls_are_refused(call, text):
+    with pytest.raises(jf.StepError, match=text):
+        call(*scenes.beam((1, 1, 1)))
+
+
+def test_trouble_becomes_a_status():
+    model, params, state = scenes.beam((2, 1, 1), build={"max_iterations": 2, "tolerance": 1e-12})
+    _, info = jf.step(model, params, state, 1e-2)
+    assert info.status == jf.solvers.Status.ITERATION_LIMIT
+    broken = state.replace(velocities=state.velocities.at[0, 0].set(jnp.nan).at[-1].set(jnp.nan))
+    _, info = jf.step(model, params, broken, 1e-2)
+    assert info.status == jf.solvers.Status.NOT_FINITE
