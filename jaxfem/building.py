@@ -176,12 +176,12 @@ def _check_body(body: SoftBody, name: str) -> None:
     size = np.ptp(body.mesh.points, axis=0).max()
     if not 1e-6 < size < 1e5:
         raise SceneError(
-            f'"{name}" is {size:.3g} m long: lengths are in metres. Rescale with mesh.scaled(factor) or read(..., scale=)'
+            f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
         )
     poisson = np.max(body.poisson)
     if body.strain == "element" and poisson > 0.45:
         warnings.warn(
-            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it will be '
+            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
             "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
             AccuracyWarning,
             stacklevel=3,
@@ -208,7 +208,7 @@ def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
 def _check_numbers(dtype: Any, tolerance: float | None, max_iterations: int) -> None:
     if dtype not in (jnp.float32, jnp.float64):
         raise SceneError(f"dtype is {dtype}; use float32 or float64")
-    if dtype == jnp.float64 and not jax.config.jax_enable_x64:
+    if dtype == jnp.float64 and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
         raise SceneError("float64 needs jax.config.update('jax_enable_x64', True) before the first JAX call")
     if tolerance is not None and not 0 < tolerance < 1:
         raise SceneError(f"tolerance is {tolerance}; it is a relative residual between 0 and 1, like 1e-6")

@@ -23,7 +23,7 @@ def pytree(cls: type[T]) -> type[T]:
     if "replace" not in cls.__dict__:
         cls.replace = replace  # type: ignore[attr-defined]
     made = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    fields = dataclasses.fields(made)
+    fields = dataclasses.fields(made)  # type: ignore[arg-type]
     return jax.tree_util.register_dataclass(
         made,
         data_fields=[f.name for f in fields if not f.metadata.get("static")],

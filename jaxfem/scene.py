@@ -53,7 +53,7 @@ class SoftBody:
     def __post_init__(self) -> None:
         if not isinstance(self.mesh, TetMesh):
             raise SceneError(
-                f"mesh is a {type(self.mesh).__name__}, not a TetMesh: use jaxfem.mesh.read(path), jaxfem.mesh.box(...) "
+                f"mesh is a {type(self.mesh).__name__}, not a TetMesh: use jaxfem.mesh.read(path), mesh.box(...) "
                 "or jaxfem.TetMesh(points, cells)"
             )
         label = self.label

@@ -42,7 +42,7 @@ class _Equilibrium:
         return hash(self.symmetric)
 
     def gradient(self, inputs: _StaticInputs, unknown: Array) -> Array:
-        """Minus the force on free nodes (n, 3) [N]; fixed ones carry a spring to zero, so that the Hessian is regular."""
+        """Minus the force on free nodes (n, 3) [N]; fixed ones have a spring to zero, so the Hessian is regular."""
         return _evaluate(inputs, unknown).gradient
 
     def solve(self, inputs: _StaticInputs, guess: Array) -> tuple[Array, Any]:

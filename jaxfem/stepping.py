@@ -93,7 +93,7 @@ def rollout(
 
     Every `every`-th state is saved, and the worst info of the steps since the last. `forces`: (n, 3) constant, or
     (steps, n, 3) [N]. Reverse derivatives of long runs need memory: with `checkpoint` = k (a multiple of `every` that
-    divides `steps`) only each step's solution is kept and the rest recomputed, k steps at a time, without solving again.
+    divides `steps`) only each step's solution is kept; the rest is recomputed k steps at a time without solving again.
     """
     varying = forces is not None and jnp.ndim(forces) == 3
     check_call(model, state, dt, forces[0] if varying else forces)

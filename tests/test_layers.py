@@ -63,7 +63,8 @@ def test_imports_point_to_the_ground():
 def test_import_sets_nothing_global():
     code = (
         "import jax, logging; before = jax.config.jax_enable_x64, logging.getLogger().level; import jaxfem; "
-        "import jax.numpy as jnp; assert (jax.config.jax_enable_x64, logging.getLogger().level) == before == (False, 30); "
+        "import jax.numpy as jnp; "
+        "assert (jax.config.jax_enable_x64, logging.getLogger().level) == before == (False, 30); "
         "assert jnp.zeros(1).dtype == jnp.float32; import sys; assert 'matplotlib' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)

@@ -36,7 +36,8 @@ def elastic_response(
     strain = rotated_strain(deformation, rotation)
     volumetric, deviatoric = eigenstiffness(young, poisson)
     impulse = [elements.volumes * w * s for w, s in zip([volumetric, *[deviatoric] * 5], strain, strict=True)]
-    energy = 0.5 * sum(p * s for p, s in zip(impulse, strain, strict=True))
+    terms = [p * s for p, s in zip(impulse, strain, strict=True)]
+    energy = 0.5 * sum(terms[1:], start=terms[0])
     stress = product(rotation, from_eigenbasis([-p for p in impulse]))
     g = elements.gradients
     forces = [times(stress, [g[a, j] for j in range(3)]) for a in (1, 2, 3)]

@@ -50,7 +50,10 @@ def gradient_of(elements: Elements, field: Array) -> Matrix3:
     """Gradient of a nodal field (n, 3) in each element: sum_a field_a (x) grad N_a, as components (E,)."""
     differences = corner_differences(elements, field)
     g = elements.gradients
-    return [[sum(differences[a][i] * g[a + 1, j] for a in range(3)) for j in range(3)] for i in range(3)]
+    return [
+        [differences[0][i] * g[1, j] + differences[1][i] * g[2, j] + differences[2][i] * g[3, j] for j in range(3)]
+        for i in range(3)
+    ]
 
 
 def deformation_gradient(elements: Elements, positions: Array) -> Matrix3:

@@ -52,9 +52,9 @@ def minimize_newton(
 ) -> tuple[Array, SolveInfo]:
     """Find x with ||gradient|| <= tol scale, descending the energy less the work of the (momentarily frozen) load.
 
-    `tangent(x, aux)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop early far from the solution
-    (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983). Returns x and an info whose iterations count
-    Newton steps and trial points, and whose residual is relative to scale.
+    `tangent(x, aux)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop
+    early far from the solution (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983). Returns x and an
+    info whose iterations count trial points, and whose residual is relative to scale.
     """
 
     def direction_at(x: Array, here: Evaluation) -> Array:

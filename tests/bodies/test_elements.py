@@ -93,7 +93,7 @@ def test_linear_patch(block):
 def test_float32_keeps_rigid_motion_clean(block):
     mesh = jf.mesh.box((1, 1, 1), (2, 2, 2))
     body = jf.SoftBody(mesh, young=1e6, poisson=0.3, density=1000.0)
-    model, params, state = jf.build(jf.Scene([body]), dtype=jnp.float32)
+    model, params, _ = jf.build(jf.Scene([body]), dtype=jnp.float32)
     turned = (mesh.points @ scenes.random_rotation(3).T).astype(np.float32)
     found = force(model, params, jnp.asarray(turned))
     assert found.dtype == jnp.float32
