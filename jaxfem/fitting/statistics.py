@@ -45,28 +45,30 @@ def uncertainty(
     eigenvalues, vectors = np.linalg.eigh(scaled)
     singular = bool(eigenvalues[0] < 1e-10 or np.diag(normal).min() <= 1e-20 * np.diag(normal).max())
     inverse = (vectors / np.maximum(eigenvalues, 1e-12)) @ vectors.T / np.outer(scale, scale)
-    middle = autocorrelation_time(residual, seen) * normal
+    share = np.zeros(residual.shape[1])
     if still_rows is not None:
-        shared = jacobian.sum(axis=1)  # (P, M, 3): one error of the origin moves all samples of a marker alike
         share = 0.5 * np.pi / np.maximum(still_rows, 1)  # variance of a median
-        middle = middle + np.einsum("pmi,qmi,m->pq", shared, shared, share)
-    inflation = autocorrelation_time(residual, seen)
+    inflation = autocorrelation_time(residual, seen, float(share.mean()))
+    shared = jacobian.sum(axis=1)  # (P, M, 3): one error of the origin moves all samples of a marker alike
+    middle = inflation * normal + np.einsum("pmi,qmi,m->pq", shared, shared, share)
     return Uncertainty(variance * inverse @ middle @ inverse, float(np.sqrt(variance)), inflation, singular)
 
 
-def autocorrelation_time(residual: np.ndarray, seen: np.ndarray) -> float:
-    """1 + 2 sum of the autocorrelations of residuals (T, M, 3) over time, up to the first that is not positive; >=
-    1."""
-    rows = len(residual)
+def autocorrelation_time(residual: np.ndarray, seen: np.ndarray, share: float = 0.0) -> float:
+    """1 + 2 sum of the autocorrelations of residuals (T, M, 3) over time, up to the first that is next to nothing; >=
+    1.
+
+    `share`: variance of an error common to all samples of a marker, relative to one sample's; accounted for elsewhere.
+    """
     squares, pairs = float((residual**2).sum()), float(seen.sum())
     if squares == 0:
         return 1.0
     total = 1.0
-    for lag in range(1, rows // 2):
+    for lag in range(1, len(residual) // 2):
         both = float((seen[lag:] & seen[:-lag]).sum())
         if both == 0:
             break
-        correlation = (residual[lag:] * residual[:-lag]).sum() / both / (squares / pairs)
+        correlation = (residual[lag:] * residual[:-lag]).sum() / both / (squares / pairs) - share / (1 + share)
         if correlation < 0.05:
             break
         total += 2 * correlation
