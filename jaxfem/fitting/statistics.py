@@ -55,8 +55,7 @@ def uncertainty(
 
 
 def autocorrelation_time(residual: np.ndarray, seen: np.ndarray, share: float = 0.0) -> float:
-    """1 + 2 sum of the autocorrelations of residuals (T, M, 3) over time, up to the first that is next to nothing; >=
-    1.
+    """1 + 2 sum of the autocorrelations of residuals (T, M, 3) over time, up to the first near zero; >= 1.
 
     `share`: variance of an error common to all samples of a marker, relative to one sample's; accounted for elsewhere.
     """
