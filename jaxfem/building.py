@@ -11,6 +11,7 @@ import numpy as np
 from jaxfem.bodies.elements import Elements, shape_gradients
 from jaxfem.loads import FacePressure, Load, NodalForce, PointForce, Pressure, Traction, WeightedForce
 from jaxfem.mesh import locate
+from jaxfem.mesh.groups import body_groups
 from jaxfem.model import Model, Params, State
 from jaxfem.motion import Motion
 from jaxfem.routes.assembly import sparsity
@@ -18,6 +19,11 @@ from jaxfem.scene import Scene, SceneError, SoftBody
 
 SOLVERS = ("auto", "condensed", "mprgp")
 SCHEMES = ("backward_euler",)
+
+# Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
+# matrix is dense: past some hundred groups its product costs as much as the fine one.
+GROUP_NODES = 12
+MOST_GROUPS = 96
 
 
 class AccuracyWarning(UserWarning):
@@ -66,6 +72,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     _check_disjoint(driven)
     free = np.ones(len(points))
     free[np.concatenate([*held, *driven]).astype(int)] = 0
+    node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
         jnp.asarray(cells, jnp.int32),
@@ -79,9 +86,9 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         rest=jnp.asarray(points, dtype),
         elements=elements,
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
-        node_body=jnp.asarray(np.repeat(np.arange(len(bodies)), np.diff(offsets)), jnp.int32),
+        node_body=jnp.asarray(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
-        pattern=sparsity(cells, len(points)),
+        pattern=sparsity(points, cells, body_groups(points, node_body, GROUP_NODES, MOST_GROUPS), dtype),
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),

@@ -43,14 +43,29 @@ class State:
 
 @pytree
 class Pattern:
-    """Where the assembled matrix has its 3x3 blocks: each node's neighbours in padded rows, itself first.
+    """Where the assembled matrix has its 3x3 blocks, on nodes in *solver order*: group by group, padded to equal sizes.
 
-    `neighbours` (n, width); `slots` (12, E): flat slot of each element's block (a, b), a != b, in `PAIRS` order of
-    `assembly.py`.
+    `neighbours` (N, width): each node's neighbours in padded rows, itself first; `slots` (12, E): flat slot of each
+    element's block (a, b), a != b, in `PAIRS` order of `assembly.py`. `order` (N,): the user's number of each node;
+    `place` (n,): the solver's number; `real` (N,): 0 where a row is padding. `frames` (groups,): an element whose
+    rotation stands for its group's.
     """
 
     neighbours: Array
     slots: Array
+    order: Array
+    place: Array
+    real: Array
+    frames: Array
+
+    def gathered(self, field: Array) -> Array:
+        """A nodal field (n, ...) in solver order (N, ...); zero on padding."""
+        shape = (-1,) + (1,) * (field.ndim - 1)
+        return field[self.order] * self.real.reshape(shape)
+
+    def scattered(self, field: Array) -> Array:
+        """A field in solver order (N, ...) in the user's order (n, ...)."""
+        return field[self.place]
 
 
 @pytree

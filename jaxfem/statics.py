@@ -10,10 +10,10 @@ from jaxfem.loads import FacePressure
 from jaxfem.model import Model, Params, State, StepInfo, per_element
 from jaxfem.pytrees import pytree
 from jaxfem.routes.assembly import BlockMatrix, assemble, tangent_blocks
-from jaxfem.routes.condensed import block_jacobi
+from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import external_force
 from jaxfem.solvers.implicit import implicit_solution
-from jaxfem.solvers.newton import Evaluation, minimize_newton
+from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, inverted_elements, typed
 from jaxfem.tensors import Matrix3
@@ -118,13 +118,18 @@ def _rounding(inputs: _StaticInputs, positions: Array) -> Array:
 
 
 def _tangent(inputs: _StaticInputs, unknown: Array, rotation: Matrix3):
-    """Products with the exact Hessian, and with the inverse blocks of the warped stiffness, which is always SPD."""
-    model = inputs.model
+    """Products with the exact Hessian, and a preconditioner from the warped stiffness, which is always SPD."""
+    model, pattern = inputs.model, inputs.model.pattern
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)
     pad = jnp.where(model.free > 0, 0.0, _typical_stiffness(inputs)).astype(positions.dtype)
 
     def matrix(exact: bool) -> BlockMatrix:
         blocks = tangent_blocks(model.elements, positions, rotation, *_material(inputs), exact)
-        return assemble(blocks, pad, model.free, model.pattern)
+        return assemble(blocks, pad, model.free, pattern)
 
-    return matrix(True).apply, block_jacobi(matrix(False))
+    def outside(operator: Operator) -> Operator:
+        return lambda vector: pattern.scattered(operator(pattern.gathered(vector)))
+
+    exact, warped = matrix(True), matrix(False)
+    modes = rigid_modes(pattern, positions, model.free, rotation)
+    return outside(exact.apply), outside(two_level(warped, modes, coarse_inverse(warped, modes)))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 
 from jaxfem.bodies.elements import deformation_gradient
 from jaxfem.model import Model, Params, State, StepInfo
-from jaxfem.routes.condensed import solve_condensed, solve_linear
+from jaxfem.routes.condensed import coarse_of, solve_condensed, solve_linear
 from jaxfem.routes.dual import solve_dual
 from jaxfem.routes.system import System, merged, momentum_gradient, step_system
 from jaxfem.solvers.implicit import SOLUTION, piecewise_linear_solution
@@ -58,7 +58,11 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
-    system = step_system(model, params, state, dt, forces)
+    return _advance(model, params, state, dt, forces, coarse_of(step_system(model, params, state, dt, forces)))
+
+
+def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array):
+    system = step_system(model, params, state, dt, forces, coarse)
     guess = state.impulses if model.solver == "mprgp" else state.velocities
     unknown, (info, impulses) = piecewise_linear_solution(_StepCondition(model.solver), system, guess)
     velocities = merged(system, unknown)
@@ -111,9 +115,11 @@ def typed(model: Model, *values: Any) -> Any:
 @partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
 def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
     varying = forces is not None and forces.ndim == 3
+    # Built once: its frames turn with the body, and it only preconditions.
+    coarse = coarse_of(step_system(model, params, state, dt))
 
     def one(carry: State, force: Array | None):
-        return _step(model, params, carry, dt, force if varying else forces)
+        return _advance(model, params, carry, dt, force if varying else forces, coarse)
 
     def frame(carry: State, force: Array | None):
         following, infos = jax.lax.scan(one, carry, force, length=every)

@@ -25,7 +25,9 @@ def single_mode(omega):
     blocks = tangent_blocks(model.elements, state.positions, rotation, young, poisson)
     stiffness = assemble(blocks, jnp.zeros(model.nodes), model.free, model.pattern)
     basis = jnp.eye(3 * model.nodes).reshape(-1, model.nodes, 3)
-    dense = np.asarray(jax.vmap(stiffness.apply)(basis)).reshape(3 * model.nodes, -1)
+    gathered, scattered = model.pattern.gathered, model.pattern.scattered
+    columns = jax.vmap(lambda e: scattered(stiffness.apply(gathered(e))))(basis)
+    dense = np.asarray(columns).reshape(3 * model.nodes, -1)
     moving = np.repeat(np.asarray(model.free) > 0, 3)
     mass = np.repeat(np.asarray(nodal_mass(model, params.density)), 3)
     root = 1 / np.sqrt(mass[moving])

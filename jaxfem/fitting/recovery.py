@@ -17,7 +17,7 @@ from jaxfem.fitting.search import Search, find, levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
 from jaxfem.fitting.unknowns import Unknowns, start_values, unknowns, with_values
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping import check_call
+from jaxfem.stepping import check_call, typed
 
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
@@ -97,6 +97,7 @@ def fit(
     Marquardt 1963) with forward-mode Jacobians from a scan over Young's modulus. FitError for what cannot be fitted.
     """
     check_call(model, state, dt, None)
+    params, state = typed(model, params, state)  # plain numbers are fine, as in `step`
     markers = markers if isinstance(markers, Markers) else attach(model, markers)
     recording = recording.subset(markers.names)
     nominal = np.asarray(marker_positions(markers, state.positions), np.float64)

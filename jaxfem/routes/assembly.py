@@ -1,6 +1,7 @@
 """Matrices assembled on the nodes from element blocks: 3x3 blocks, each node's in one padded row."""
 
 from collections.abc import Callable
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -46,8 +47,32 @@ class BlockMatrix:
         return self.blocks[:, :, :3]
 
 
-def sparsity(cells: np.ndarray, nodes: int) -> Pattern:
-    """Padded neighbour lists and the slot of each element block; host side. Padding points to the node itself."""
+def sparsity(points: np.ndarray, cells: np.ndarray, groups: list[np.ndarray], dtype: Any) -> Pattern:
+    """Solver order, padded neighbour lists and the slot of each element block; host side.
+
+    `groups` partition the nodes. Padding rows and padding neighbours point to the node itself.
+    """
+    size = max(len(g) for g in groups)
+    padded = len(groups) * size
+    order, real = np.zeros(padded, np.int64), np.zeros(padded)
+    for number, group in enumerate(groups):
+        order[number * size : number * size + len(group)] = group
+        real[number * size : number * size + len(group)] = 1
+    place = np.zeros(len(points), np.int64)
+    place[order[real > 0]] = np.flatnonzero(real)
+    neighbours, slots = _padded_rows(place[cells], padded)
+    return Pattern(
+        jnp.asarray(neighbours, jnp.int32),
+        jnp.asarray(slots, jnp.int32),
+        jnp.asarray(order, jnp.int32),
+        jnp.asarray(place, jnp.int32),
+        jnp.asarray(real, dtype),
+        jnp.asarray(_frame_elements(points, cells, groups), jnp.int32),
+    )
+
+
+def _padded_rows(cells: np.ndarray, nodes: int) -> tuple[np.ndarray, np.ndarray]:
+    """Neighbours (nodes, width), the node itself first, and the slots (12, E) of element blocks."""
     pairs = np.array(PAIRS)
     rows, columns = cells[:, pairs[:, 0]].T.ravel(), cells[:, pairs[:, 1]].T.ravel()
     keys, where = np.unique(rows.astype(np.int64) * nodes + columns, return_inverse=True)
@@ -56,17 +81,37 @@ def sparsity(cells: np.ndarray, nodes: int) -> Pattern:
     width = int(position.max(initial=0)) + 1
     neighbours = np.tile(np.arange(nodes)[:, None], (1, width))
     neighbours[key_rows, position] = key_columns
-    slots = (key_rows * width + position)[where].reshape(len(PAIRS), len(cells))
-    return Pattern(jnp.asarray(neighbours, jnp.int32), jnp.asarray(slots, jnp.int32))
+    return neighbours, (key_rows * width + position)[where].reshape(len(PAIRS), len(cells))
+
+
+def _frame_elements(points: np.ndarray, cells: np.ndarray, groups: list[np.ndarray]) -> np.ndarray:
+    """The element nearest each group's centre among those that touch it, (groups,)."""
+    group_of = np.zeros(len(points), np.int64)
+    for number, group in enumerate(groups):
+        group_of[group] = number
+    centers = points[cells].mean(1)
+    chosen = np.zeros(len(groups), np.int64)
+    best = np.full(len(groups), np.inf)
+    for corner in range(4):
+        owner = group_of[cells[:, corner]]
+        middle = np.stack([points[g].mean(0) for g in groups])[owner]
+        distance = np.sum((centers - middle) ** 2, axis=1)
+        for element in np.argsort(distance, kind="stable")[::-1]:  # the nearest is written last
+            if distance[element] <= best[owner[element]]:
+                best[owner[element]], chosen[owner[element]] = distance[element], element
+    return chosen
 
 
 def assemble(blocks: Array, diagonal: Array, free: Array, pattern: Pattern) -> BlockMatrix:
     """Element blocks (12, E, 9) in `PAIRS` order and a `diagonal` (n,) summed into one matrix; `free` (n,) 1 or 0.
 
-    Rows and columns of fixed nodes keep only their diagonal. Rigid translations cost nothing, so an element's diagonal
+    `diagonal` and `free` in the user's order; the matrix is in solver order, identity on padding. Rows and columns of
+    fixed nodes keep only their diagonal. Rigid translations cost nothing, so an element's diagonal
     blocks are minus the sum of their row.
     """
     nodes, width = pattern.neighbours.shape
+    diagonal = pattern.gathered(diagonal) + (1 - pattern.real)
+    free = pattern.gathered(free)
     flat = jnp.zeros((nodes * width, 9), blocks.dtype).at[pattern.slots.reshape(-1)].add(blocks.reshape(-1, 9))
     stiffness = flat.reshape(nodes, width, 3, 3)
     identity = jnp.eye(3, dtype=blocks.dtype)

@@ -1,49 +1,47 @@
 """Condensed route: rows eliminated onto the nodes, preconditioned conjugate gradients on the increment of velocity."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from jaxfem.routes.assembly import BlockMatrix, assemble, row_blocks
+from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import System, momentum_gradient
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
+from jaxfem.tensors import matrix_of
 
 Array = jax.Array
 
 
 def condensed_matrix(system: System) -> BlockMatrix:
-    """M + J' C^-1 J of the step, fixed nodes decoupled."""
+    """M + J' C^-1 J of the step in solver order, fixed nodes decoupled."""
     return assemble(row_blocks(system.rows[0]), system.mass, system.free, system.pattern)  # type: ignore[arg-type]
 
 
-def inverse_blocks(blocks: Array) -> Array:
-    """Inverses of symmetric 3x3 blocks (n, 3, 3), by cofactors."""
-    rows = [blocks[:, i] for i in range(3)]
-    cofactors = [jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
-    determinant = jnp.sum(rows[0] * cofactors[0], -1)
-    return jnp.stack(cofactors, -1) / determinant[:, None, None]
+def group_modes(system: System) -> Array:
+    """Rigid modes of the preconditioner's groups at the start-of-step shape."""
+    rotation = matrix_of(system.rows[0].rotation)  # type: ignore[attr-defined]
+    return rigid_modes(system.pattern, system.positions, system.free, rotation)
 
 
-def block_jacobi(matrix: BlockMatrix) -> Callable[[Array], Array]:
-    """Inverse of the diagonal blocks, applied to (n, 3)."""
-    inverse = inverse_blocks(matrix.diagonal_blocks)
-    return lambda r: jnp.einsum("nij,nj->ni", inverse, r)
+def coarse_of(system: System) -> Array:
+    """The coarse inverse that `solve_linear` uses, built for this step's shape and numbers."""
+    return jax.lax.stop_gradient(coarse_inverse(condensed_matrix(system), group_modes(system)))
 
 
 def solve_linear(system: System, right: Array, absolute: Any = 0.0) -> tuple[Array, SolveInfo]:
-    """Solve the condensed system for `right` (n, 3) by block-Jacobi conjugate gradients: (solution, info)."""
-    matrix = condensed_matrix(system)
-    return pcg(
+    """Solve the condensed system for `right` (n, 3) by two-level conjugate gradients: (solution, info)."""
+    matrix, pattern = condensed_matrix(system), system.pattern
+    solution, info = pcg(
         matrix.apply,
-        right,
-        block_jacobi(matrix),
+        pattern.gathered(right),
+        two_level(matrix, group_modes(system), system.coarse),
         tol=system.tolerance,
         max_iterations=system.max_iterations,
         absolute=absolute,
     )
+    return pattern.scattered(solution), info
 
 
 def solve_condensed(system: System, guess: Array) -> tuple[Array, tuple[SolveInfo, None]]:

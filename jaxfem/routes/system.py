@@ -18,7 +18,8 @@ class System:
     """One step, prepared: rows at the start-of-step configuration and everything else a route needs.
 
     `rows`: tuple of kinds, elastic first. `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s];
-    `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left.
+    `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left; `positions` (n, 3) at the start of
+    the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`).
     """
 
     rows: tuple[Rows, ...]
@@ -30,10 +31,17 @@ class System:
     pattern: Pattern
     tolerance: Array
     max_iterations: Array
+    positions: Array
+    coarse: Array | None
 
 
-def step_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> System:
-    """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None."""
+def step_system(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
+) -> System:
+    """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None.
+
+    `coarse` may be None for those who do not solve.
+    """
     mass = nodal_mass(model, params.density)
     load = dt * external_force(model, params, state.positions, forces)
     prescribed = prescribed_velocity(model, params, state.time, dt)
@@ -48,6 +56,8 @@ def step_system(model: Model, params: Params, state: State, dt: Array, forces: A
         pattern=model.pattern,
         tolerance=model.tolerance,
         max_iterations=model.max_iterations,
+        positions=jax.lax.stop_gradient(state.positions),
+        coarse=coarse,
     )
 
 

@@ -66,8 +66,8 @@ def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> 
     """The same as `implicit_solution` for a condition that is piecewise linear in the unknown.
 
     At the solution x* found, x = x* - H^-1 (g(inputs, x*) - [the same, held fixed]) has the value x* and, as g is
-    linear in x around it, every derivative of the implicit function; the only primitive in it is a linear solve, so it can be
-    nested in scans in any mode, reverse over reverse included, where JAX drops custom rules.
+    linear in x around it, every derivative of the implicit function. The only primitive in it is a linear solve, so it
+    can be nested in scans in any mode, reverse over reverse included, where JAX drops custom rules.
     """
     found, info = jax.lax.stop_gradient(condition.solve(*jax.lax.stop_gradient((inputs, guess))))
     found = checkpoint_name(found, SOLUTION)

@@ -1,0 +1,79 @@
+"""Two-level preconditioner: inverse diagonal blocks, plus a coarse space of the rigid modes of node groups."""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.model import Pattern
+from jaxfem.routes.assembly import BlockMatrix
+from jaxfem.tensors import Matrix3, array_of
+
+Array = jax.Array
+
+
+def inverse_blocks(blocks: Array) -> Array:
+    """Inverses of symmetric 3x3 blocks (n, 3, 3), by cofactors."""
+    rows = [blocks[:, i] for i in range(3)]
+    cofactors = [jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
+    determinant = jnp.sum(rows[0] * cofactors[0], -1)
+    return jnp.stack(cofactors, -1) / determinant[:, None, None]
+
+
+def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Matrix3) -> Array:
+    """Six rigid modes of each group at `positions` (n, 3), along the axes of its own frame: (groups, 3 size, 6).
+
+    In its own frame a group's modes turn with it, so a coarse matrix built at one shape serves at others. Lengths are
+    scaled by the group's radius; fixed nodes and padding take no part.
+    """
+    groups = pattern.frames.shape[0]
+    frame = jnp.moveaxis(array_of(rotation)[:, :, pattern.frames], -1, 0)  # (groups, 3, 3), columns are the axes
+    x = pattern.gathered(positions).reshape(groups, -1, 3)
+    weight = pattern.real.reshape(groups, -1, 1)
+    count = jnp.sum(weight, 1, keepdims=True)
+    arm = (x - jnp.sum(x, 1, keepdims=True) / count) * weight
+    radius = jnp.sqrt(jnp.sum(arm**2, (1, 2), keepdims=True) / count)
+    arm = arm / jnp.where(radius > 0, radius, 1)
+    axes = jnp.broadcast_to(frame[:, None], (*arm.shape[:2], 3, 3))
+    turns = jnp.cross(axes, arm[..., None], axisa=2, axisb=2, axisc=2)  # axis k x arm, in column k
+    modes = jnp.concatenate([axes, turns], -1) * pattern.gathered(free).reshape(groups, -1, 1, 1)
+    return modes.reshape(groups, -1, 6)
+
+
+def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
+    """Inverse of Z'SZ, (6 groups, 6 groups): a small dense matrix, scaled by its diagonal before it is factorised.
+
+    A group without a free node gets 1 on its diagonal. Should the factorisation fail in rounding, zero: the coarse
+    space is then left out.
+    """
+    groups, nodes = modes.shape[0], matrix.neighbours.shape[0]
+    at = modes.reshape(nodes, 3, 6)
+    width = matrix.neighbours.shape[1]
+    gathered = at[matrix.neighbours].reshape(nodes, 3 * width, 6)
+    spread = matrix.blocks.reshape(nodes, 3, width, 3).transpose(0, 2, 1, 3)
+    products = jnp.einsum("nvij,nvjk->nvik", spread, gathered.reshape(nodes, width, 3, 6))
+    blocks = jnp.einsum("nil,nvik->nvlk", at, products)
+    owner = jnp.arange(nodes) // (nodes // groups)
+    coarse = jnp.zeros((groups, groups, 6, 6), blocks.dtype).at[owner[:, None], owner[matrix.neighbours]].add(blocks)
+    coarse = coarse.transpose(0, 2, 1, 3).reshape(6 * groups, 6 * groups)
+    diagonal = jnp.diagonal(coarse)
+    scale = jnp.where(diagonal > 0, diagonal, 1) ** -0.5
+    shift = 30 * jnp.finfo(coarse.dtype).eps
+    scaled = coarse * scale[:, None] * scale + jnp.diag(jnp.where(diagonal > 0, shift, 1))
+    factor = jax.scipy.linalg.cho_factor(scaled)
+    inverse = jax.scipy.linalg.cho_solve(factor, jnp.eye(6 * groups, dtype=coarse.dtype)) * scale[:, None] * scale
+    return jnp.where(jnp.isfinite(inverse).all(), inverse, 0.0)
+
+
+def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Array], Array]:
+    """r -> D^-1 r + Z (Z'SZ)^-1 Z' r on fields in solver order (N, 3); `inverse` may come from an earlier shape."""
+    blocks = inverse_blocks(matrix.diagonal_blocks)
+    groups = modes.shape[0]
+
+    def apply(residual: Array) -> Array:
+        restricted = jnp.einsum("gal,ga->gl", modes, residual.reshape(groups, -1))
+        coarse = (inverse @ restricted.reshape(-1)).reshape(groups, 6)
+        smooth = jnp.einsum("nij,nj->ni", blocks, residual)
+        return smooth + jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
+
+    return apply
