@@ -16,7 +16,7 @@ from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, inverted_elements, typed
-from jaxfem.tensors import Matrix3
+from jaxfem.tensors import array_of
 
 Array = jax.Array
 
@@ -101,7 +101,7 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
     scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
     noise = jax.lax.stop_gradient(_rounding(inputs, positions))
-    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotation)
+    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale + noise, noise, array_of(rotation))
 
 
 def _typical_stiffness(inputs: _StaticInputs) -> Array:
@@ -117,7 +117,7 @@ def _rounding(inputs: _StaticInputs, positions: Array) -> Array:
     return jnp.finfo(positions.dtype).eps * jnp.max(jnp.abs(positions)) * jnp.linalg.norm(stiffness)
 
 
-def _tangent(inputs: _StaticInputs, unknown: Array, rotation: Matrix3):
+def _tangent(inputs: _StaticInputs, unknown: Array, rotation: Array):
     """Products with the exact Hessian, and a preconditioner from the warped stiffness, which is always SPD."""
     model, pattern = inputs.model, inputs.model.pattern
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)

@@ -73,7 +73,7 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         impulses=impulses,
     )
     return following, StepInfo(
-        info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, state.positions)
+        info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, following.positions)
     )
 
 

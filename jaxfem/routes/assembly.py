@@ -1,6 +1,5 @@
 """Matrices assembled on the nodes from element blocks: 3x3 blocks, each node's in one padded row."""
 
-from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -12,21 +11,12 @@ from jaxfem.bodies.material import lame
 from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
 from jaxfem.rows.elastic import ElasticRows
-from jaxfem.tensors import (
-    Matrix3,
-    Vector3,
-    cross_matrix,
-    guarded_inverse,
-    matrix_of,
-    product,
-    symmetric,
-    times,
-    transposed,
-)
+from jaxfem.tensors import array_of, guarded_inverse, matrix_of, product, symmetric, transposed
 
 Array = jax.Array
 
-PAIRS = tuple((a, b) for a in range(4) for b in range(4) if a != b)
+UPPER = tuple((a, b) for a in range(4) for b in range(4) if a < b)
+PAIRS = UPPER + tuple((b, a) for a, b in UPPER)
 
 
 @pytree
@@ -128,20 +118,14 @@ def row_blocks(rows: ElasticRows) -> Array:
         K_ab = (w_v - w_d)/3 r_a r_b' + w_d/2 (r_b r_a' + (r_a . r_b) I).
     """
     volumetric, deviatoric = 1 / rows.compliance[0], 1 / rows.compliance[1]
-    first, second = (volumetric - deviatoric) / 3, deviatoric / 2
-    return _pair_blocks(rows.elements, matrix_of(rows.rotation), lambda a, b: _warped_block(first, second, a, b))
-
-
-def _warped_block(first: Array, second: Array, a: Vector3, b: Vector3) -> Matrix3:
-    """first a b' + second (b a' + (a . b) I)."""
-    dot = second * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-    return [[first * a[i] * b[j] + second * b[i] * a[j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)]
+    a, b = _rotated_pairs(rows.elements, rows.rotation)
+    return _both_halves(_warped_blocks((volumetric - deviatoric) / 3, deviatoric / 2, a, b))
 
 
 def tangent_blocks(
-    elements: Elements, positions: Array, rotation: Matrix3, young: Array, poisson: Array, exact: bool = True
+    elements: Elements, positions: Array, rotation: Array, young: Array, poisson: Array, exact: bool = True
 ) -> Array:
-    """Hessian of the corotated energy at `positions` (n, 3), whose nearest rotations are `rotation`: (12, E, 9).
+    """Hessian of the corotated energy at `positions` (n, 3), its nearest rotations `rotation` (3, 3, E): (12, E, 9).
 
     The exact one may be indefinite; otherwise rotations are held (stiffness warping), which is positive semi-definite.
 
@@ -149,27 +133,44 @@ def tangent_blocks(
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
     """
     first, second = (v * elements.volumes for v in lame(young, poisson))
+    a, b = _rotated_pairs(elements, rotation)
     if not exact:
-        return _pair_blocks(elements, rotation, lambda a, b: _warped_block(first, second, a, b))
-    stretch = symmetric(product(transposed(rotation), deformation_gradient(elements, positions)))
+        return _both_halves(_warped_blocks(first, second, a, b))
+    turns = matrix_of(rotation)
+    stretch = symmetric(product(transposed(turns), deformation_gradient(elements, positions)))
     trace = stretch[0][0] + stretch[1][1] + stretch[2][2]
     spin = 2 * second - first * (trace - 3)
     turn = [[(trace if i == j else 0.0) - stretch[i][j] for j in range(3)] for i in range(3)]
-    inverse = product(product(rotation, guarded_inverse(turn)), transposed(rotation))
-    weighted = [[spin * inverse[i][j] for j in range(3)] for i in range(3)]
-
-    def block(a: Vector3, b: Vector3) -> Matrix3:
-        dot = 2 * second * (a[0] * b[0] + a[1] * b[1] + a[2] * b[2])
-        geometric = product(product(cross_matrix(a), weighted), cross_matrix(b))
-        return [[first * a[i] * b[j] + geometric[i][j] + (dot if i == j else 0.0) for j in range(3)] for i in range(3)]
-
-    return _pair_blocks(elements, rotation, block)
+    inverse = array_of(product(product(turns, guarded_inverse(turn)), transposed(turns)))
+    # skew(a) W skew(b): rows of W crossed with b, then a crossed with the columns.
+    right = jnp.cross((spin * inverse)[None], b[:, None], axis=2)
+    geometric = jnp.cross(a[:, :, None], right, axis=1)
+    return _both_halves(first * _outer(a, b) + geometric + _dot_identity(2 * second, a, b))
 
 
-def _pair_blocks(elements: Elements, rotation: Matrix3, block: Callable[[Vector3, Vector3], Matrix3]) -> Array:
-    """`block` of every pair of corners in `PAIRS` order, from the rotated shape gradients; K_ba = K_ab'."""
-    gradients = elements.gradients
-    rotated = [times(rotation, [gradients[a, j] for j in range(3)]) for a in range(4)]
-    upper = {(a, b): block(rotated[a], rotated[b]) for a, b in PAIRS if a < b}
-    ordered = [upper[a, b] if a < b else transposed(upper[b, a]) for a, b in PAIRS]
-    return jnp.stack([jnp.stack([k[i][j] for i in range(3) for j in range(3)], -1) for k in ordered])
+def _rotated_pairs(elements: Elements, rotation: Array) -> tuple[Array, Array]:
+    """R grad N of the first and of the second corner of each pair in `UPPER`: (6, 3, E) each."""
+    g = elements.gradients
+    rotated = sum((rotation[None, :, k] * g[:, None, k] for k in (1, 2)), start=rotation[None, :, 0] * g[:, None, 0])
+    first, second = np.array(UPPER).T
+    return rotated[first], rotated[second]
+
+
+def _outer(a: Array, b: Array) -> Array:
+    return a[:, :, None] * b[:, None]
+
+
+def _dot_identity(weight: Array, a: Array, b: Array) -> Array:
+    identity = jnp.eye(3, dtype=a.dtype)[:, :, None]
+    return (weight * jnp.sum(a * b, axis=1))[:, None, None] * identity
+
+
+def _warped_blocks(first: Array, second: Array, a: Array, b: Array) -> Array:
+    """first a b' + second (b a' + (a . b) I), (6, 3, 3, E)."""
+    return first * _outer(a, b) + second * _outer(b, a) + _dot_identity(second, a, b)
+
+
+def _both_halves(upper: Array) -> Array:
+    """Blocks (12, E, 9) in `PAIRS` order from those of `UPPER`, (6, 3, 3, E): K_ba = K_ab'."""
+    both = jnp.concatenate([upper, upper.swapaxes(1, 2)])
+    return both.transpose(0, 3, 1, 2).reshape(len(PAIRS), -1, 9)

@@ -9,7 +9,6 @@ from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import System, momentum_gradient
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
-from jaxfem.tensors import matrix_of
 
 Array = jax.Array
 
@@ -21,7 +20,7 @@ def condensed_matrix(system: System) -> BlockMatrix:
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
-    rotation = matrix_of(system.rows[0].rotation)  # type: ignore[attr-defined]
+    rotation = system.rows[0].rotation  # type: ignore[attr-defined]
     return rigid_modes(system.pattern, system.positions, system.free, rotation)
 
 

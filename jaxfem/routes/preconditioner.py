@@ -7,7 +7,6 @@ import jax.numpy as jnp
 
 from jaxfem.model import Pattern
 from jaxfem.routes.assembly import BlockMatrix
-from jaxfem.tensors import Matrix3, array_of
 
 Array = jax.Array
 
@@ -20,14 +19,14 @@ def inverse_blocks(blocks: Array) -> Array:
     return jnp.stack(cofactors, -1) / determinant[:, None, None]
 
 
-def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Matrix3) -> Array:
+def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array) -> Array:
     """Six rigid modes of each group at `positions` (n, 3), along the axes of its own frame: (groups, 3 size, 6).
 
-    In its own frame a group's modes turn with it, so a coarse matrix built at one shape serves at others. Lengths are
-    scaled by the group's radius; fixed nodes and padding take no part.
+    `rotation` (3, 3, E) of the elements. In its own frame a group's modes turn with it, so a coarse matrix built at one
+    shape serves at others. Lengths are scaled by the group's radius; fixed nodes and padding take no part.
     """
     groups = pattern.frames.shape[0]
-    frame = jnp.moveaxis(array_of(rotation)[:, :, pattern.frames], -1, 0)  # (groups, 3, 3), columns are the axes
+    frame = jnp.moveaxis(rotation[:, :, pattern.frames], -1, 0)  # (groups, 3, 3), columns are the axes
     x = pattern.gathered(positions).reshape(groups, -1, 3)
     weight = pattern.real.reshape(groups, -1, 1)
     count = jnp.sum(weight, 1, keepdims=True)

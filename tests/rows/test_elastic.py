@@ -13,6 +13,7 @@ from jaxfem.routes.assembly import assemble, tangent_blocks
 from jaxfem.routes.condensed import condensed_matrix
 from jaxfem.routes.preconditioner import inverse_blocks
 from jaxfem.routes.system import momentum_gradient, step_system
+from jaxfem.tensors import array_of
 
 RNG = np.random.default_rng(2)
 
@@ -119,7 +120,7 @@ def test_tangent_blocks_are_the_hessian_of_the_energy(amount):
     v = jnp.asarray(RNG.standard_normal(state.positions.shape))
     exact = jax.jvp(jax.grad(energy), (state.positions,), (v,))[1]
     zero = jnp.zeros(model.nodes)
-    rotation = rotation_of(deformation_gradient(model.elements, state.positions), "polar")
+    rotation = array_of(rotation_of(deformation_gradient(model.elements, state.positions), "polar"))
     blocks = tangent_blocks(model.elements, state.positions, rotation, young, poisson)
     found = product(assemble(blocks, zero, model.free, model.pattern), model.pattern, v)
     np.testing.assert_allclose(found, exact, atol=1e-9 * float(jnp.abs(exact).max()))
