@@ -1,5 +1,7 @@
 """One step as a condition on the end-of-step velocity, the same for every route to its solution."""
 
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 
@@ -32,7 +34,7 @@ class System:
     tolerance: Array
     max_iterations: Array
     positions: Array
-    coarse: Array | None
+    coarse: Any
 
 
 def step_system(
