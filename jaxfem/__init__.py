@@ -10,7 +10,7 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
 from jaxfem.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.statics import equilibrium
-from jaxfem.stepping import StepError, rollout, step
+from jaxfem.stepping import StepError, prepare, rollout, step
 
 __all__ = [
     "AccuracyWarning",
@@ -38,6 +38,7 @@ __all__ = [
     "equilibrium",
     "fit",
     "mesh",
+    "prepare",
     "read_recording",
     "rollout",
     "rotation",

@@ -73,7 +73,8 @@ class Model:
     """Topology and configuration of a built scene; arrays are leaves, only flags are static.
 
     `rest` (n, 3) undeformed nodes [m], `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves
-    by its own dynamics and 0 where it is fixed or driven, `driven`: node indices of each prescribed motion.
+    by its own dynamics and 0 where it is fixed or driven, `driven`: node indices of each prescribed motion. `coarse`:
+    the preconditioner's dense part when `prepare` has built it, else None.
     """
 
     rest: Array
@@ -90,6 +91,7 @@ class Model:
     scheme: str = static()
     rotation: RotationKind = static()
     bodies: tuple[str, ...] = static()
+    coarse: Any = None
 
     @property
     def nodes(self) -> int:

@@ -58,7 +58,26 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
-    return _advance(model, params, state, dt, forces, coarse_of(step_system(model, params, state, dt, forces)))
+    return _advance(model, params, state, dt, forces, _coarse(model, params, state, dt))
+
+
+def prepare(model: Model, params: Params, state: State, dt: Any) -> Model:
+    """The model with the solver's preconditioner built in, for loops of your own over `step` [dt in s].
+
+    Without it each call of `step` builds one (some milliseconds); `rollout` builds one for all its steps. It never
+    changes a solution, only how fast it is found: prepare again after changing E, density or dt tenfold.
+    """
+    check_call(model, state, dt, None)
+    return model.replace(coarse=_prepared(model, *typed(model, params, state, dt)))  # type: ignore[attr-defined]
+
+
+@jax.jit
+def _prepared(model: Model, params: Params, state: State, dt: Array) -> Array:
+    return coarse_of(step_system(model, params, state, dt))
+
+
+def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array:
+    return coarse_of(step_system(model, params, state, dt)) if model.coarse is None else model.coarse
 
 
 def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array):
@@ -116,7 +135,7 @@ def typed(model: Model, *values: Any) -> Any:
 def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
     varying = forces is not None and forces.ndim == 3
     # Built once: its frames turn with the body, and it only preconditions.
-    coarse = coarse_of(step_system(model, params, state, dt))
+    coarse = _coarse(model, params, state, dt)
 
     def one(carry: State, force: Array | None):
         return _advance(model, params, carry, dt, force if varying else forces, coarse)

@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 import jaxfem as jf
+from jaxfem.io import FrameWriter, read_frames
 
 
 def reference_scene(values, gravity, young=1e6, poisson=0.3, **build):
@@ -130,8 +131,8 @@ def test_lanes_equal_single_solves():
 
 
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
-def test_armadillo_sags_and_comes_to_rest(data, dtype):
-    """A scanned figure, 0.3 m tall, feet fixed: by statics, and by stepping with heavy damping to the same shape."""
+def test_armadillo_sags_and_comes_to_rest(data, dtype, tmp_path):
+    """A scanned figure, 0.3 m tall, feet fixed: by statics, by stepping with heavy damping, and read back from VTU."""
     mesh = jf.mesh.read(data / "meshes" / "armadillo_4k.node")
     height = np.ptp(mesh.points, axis=0)[1]
     mesh = mesh.scaled(0.3 / height)
@@ -146,3 +147,8 @@ def test_armadillo_sags_and_comes_to_rest(data, dtype):
     assert (infos.status == 0).all()
     assert jnp.abs(states.velocities[-1]).max() < 1e-3
     assert jnp.abs(states.positions[-1] - rest.positions).max() < 0.02 * sag
+    with FrameWriter(tmp_path, "armadillo", model, params) as writer:
+        writer.write(rest)
+    (frame,) = read_frames(writer.index)
+    np.testing.assert_allclose(frame.positions, rest.positions, atol=1e-6)
+    np.testing.assert_array_equal(frame.cells, model.elements.cells)

@@ -1,0 +1,64 @@
+"""What does a gradient cost?  python benchmarks/gradient.py [--quick] [--out FOLDER]
+
+50 steps of a beam of 1080 elements; gradient of a tip loss in E, nu and beta by reverse mode, beside the forward run.
+"""
+
+import argparse
+import json
+import pathlib
+
+import jax
+from machine import describe, median_time
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+
+import jaxfem as jf  # noqa: E402
+
+
+def scene(dtype, tolerance):
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), (20, 3, 3))
+    body = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1070.0, damping=2e-3, fixed="x-")
+    return jf.build(jf.Scene([body]), dtype=dtype, tolerance=tolerance)
+
+
+def measure(dtype, tolerance, repeats, checkpoint=None):
+    model, params, state = scene(dtype, tolerance)
+
+    def loss(values):
+        young, poisson, damping = values
+        own = params.replace(young=young, poisson=poisson, damping=damping)
+        states, _ = jf.rollout(model, own, state, 1e-2, 50, checkpoint=checkpoint)
+        return jnp.sum((states.positions[-1] - model.rest) ** 2)
+
+    values = (params.young, params.poisson, params.damping)
+    forward, gradient = jax.jit(loss), jax.jit(jax.value_and_grad(loss))
+    memory = gradient.lower(values).compile().memory_analysis().temp_size_in_bytes
+    forward_s = median_time(lambda: forward(values), repeats)
+    gradient_s = median_time(lambda: gradient(values), repeats)
+    return {
+        "forward_s": forward_s,
+        "gradient_s": gradient_s,
+        "ratio": gradient_s / forward_s,
+        "temporary_mb": memory / 1e6,
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="fewer repeats")
+    parser.add_argument("--out", type=pathlib.Path, help="folder for gradient.json")
+    arguments = parser.parse_args()
+    repeats = 2 if arguments.quick else 7
+    figures = {"machine": describe(), **measure(jnp.float64, 1e-6, repeats)}
+    figures["float32"] = measure(jnp.float32, 1e-5, repeats)
+    figures["checkpoint_10"] = measure(jnp.float64, 1e-6, repeats, 10)
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / "gradient.json").write_text(json.dumps(figures, indent=2) + "\n")
+    print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()
