@@ -30,3 +30,10 @@ def reference() -> pathlib.Path:
 def data() -> pathlib.Path:
     """Folder of measured data and meshes; the test is skipped where it is absent."""
     return _folder("data")
+
+
+@pytest.fixture(autouse=True, scope="module")
+def _forget_programs():
+    """Compiled programs pile up to gigabytes a worker; few are shared between test files."""
+    yield
+    jax.clear_caches()
