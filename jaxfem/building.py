@@ -45,6 +45,8 @@ def build(
     JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64 and 1e-5 in float32
     when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known bias.
     """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
     _check_choice("solver", solver, SOLVERS)
     _check_choice("scheme", scheme, SCHEMES)
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)

@@ -63,6 +63,11 @@ class SoftBody:
         _check_choice(label, "rotation", self.rotation, ROTATIONS)
         self.nodes_of("fixed", self.fixed)
         self._check_velocity()
+        _check_kind(label, "driven", self.driven, Driven, "driven=[Driven(nodes, Motion(...))]")
+        _check_kind(label, "loads", self.loads, Load, 'loads=[Traction("x+", (0, 0, -100.0))]')
+        for each in self.driven:
+            self.nodes_of("driven", each.nodes)
+            _check_motion(label, each.motion)
 
     @property
     def label(self) -> str:
@@ -132,3 +137,19 @@ class Scene:
 def _check_choice(label: str, what: str, value: str, known: Sequence[str]) -> None:
     if value not in known:
         raise SceneError(f'{what} of "{label}" is {value!r}; known: {", ".join(known)}')
+
+
+def _check_kind(label: str, what: str, given: Any, kind: Any, example: str) -> None:
+    if not isinstance(given, Sequence) or not all(isinstance(each, kind) for each in given):
+        raise SceneError(f'{what} of "{label}" is {given!r}; give a list, like {example}')
+
+
+def _check_motion(label: str, motion: Any) -> None:
+    if not isinstance(motion, Motion):
+        raise SceneError(f'a driven set of "{label}" has a {type(motion).__name__} for a motion; give a Motion(...)')
+    for field in dataclasses.fields(motion):
+        value = np.asarray(getattr(motion, field.name), dtype=np.float64)
+        shape = np.shape(field.default)  # type: ignore[arg-type]
+        if value.shape != shape or not np.isfinite(value).all():
+            needed = "three finite numbers" if shape else "one finite number"
+            raise SceneError(f'{field.name} of a motion of "{label}" is {value.tolist()}; give {needed}')

@@ -12,7 +12,7 @@ from jaxfem.pytrees import pytree
 from jaxfem.routes.assembly import BlockMatrix, assemble, tangent_blocks
 from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import external_force
-from jaxfem.solvers.implicit import implicit_solution
+from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, inverted_elements, typed
@@ -58,8 +58,10 @@ class _Equilibrium:
         hessian, precondition = _tangent(inputs, unknown, _evaluate(inputs, unknown).aux)
         tol, limit = inputs.model.tolerance, inputs.model.max_iterations
         if self.symmetric:
-            return pcg(hessian, right, precondition, tol=tol, max_iterations=limit)[0]
-        return jax.scipy.sparse.linalg.gmres(matvec, right, M=precondition, tol=tol, restart=60, maxiter=200)[0]
+            return or_nan(*pcg(hessian, right, precondition, tol=tol, max_iterations=limit))
+        found, _ = jax.scipy.sparse.linalg.gmres(matvec, right, M=precondition, tol=tol, restart=60, maxiter=200)
+        good = jnp.linalg.norm(matvec(found) - right) <= 1e3 * tol * jnp.linalg.norm(right)
+        return jnp.where(good, found, jnp.nan)
 
 
 def equilibrium(model: Model, params: Params, state: State, *, forces: Any = None) -> tuple[State, StepInfo]:
@@ -71,8 +73,9 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
     """
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
-    check_call(model, state, 1.0, forces)
-    return _equilibrium(model, *typed(model, params, state, forces))
+    params, state, forces = typed(model, params, state, forces)
+    check_call(model, params, state, 1.0, forces)
+    return _equilibrium(model, params, state, forces)
 
 
 @jax.jit

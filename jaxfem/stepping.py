@@ -11,7 +11,7 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.routes.condensed import coarse_of, solve_condensed, solve_linear
 from jaxfem.routes.dual import solve_dual
 from jaxfem.routes.system import System, merged, momentum_gradient, step_system
-from jaxfem.solvers.implicit import SOLUTION, piecewise_linear_solution
+from jaxfem.solvers.implicit import SOLUTION, or_nan, piecewise_linear_solution
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -42,7 +42,7 @@ class _StepCondition:
         return (solve_dual if self.route == "mprgp" else solve_condensed)(system, guess)
 
     def tangent_solve(self, system: System, unknown: Array, right: Array, matvec: Any) -> Array:
-        return solve_linear(system, right)[0]
+        return or_nan(*solve_linear(system, right))
 
 
 def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = None) -> tuple[State, StepInfo]:
@@ -52,8 +52,9 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
     and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`.
     Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
     """
-    check_call(model, state, dt, forces)
-    return _step(model, *typed(model, params, state, dt, forces))
+    params, state, dt_, forces = typed(model, params, state, dt, forces)
+    check_call(model, params, state, dt, forces)
+    return _step(model, params, state, dt_, forces)
 
 
 @jax.jit
@@ -67,8 +68,9 @@ def prepare(model: Model, params: Params, state: State, dt: Any) -> Model:
     Without it each call of `step` builds one (some milliseconds); `rollout` builds one for all its steps. It never
     changes a solution, only how fast it is found: prepare again after changing E, density or dt tenfold.
     """
-    check_call(model, state, dt, None)
-    return model.replace(coarse=_prepared(model, *typed(model, params, state, dt)))  # type: ignore[attr-defined]
+    params, state, dt_ = typed(model, params, state, dt)
+    check_call(model, params, state, dt)
+    return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
 
 
 @jax.jit
@@ -118,17 +120,30 @@ def rollout(
     (steps, n, 3) [N]. Reverse derivatives of long runs need memory: with `checkpoint` = k (a multiple of `every` that
     divides `steps`) only each step's solution is kept; the rest is recomputed k steps at a time without solving again.
     """
-    varying = forces is not None and jnp.ndim(forces) == 3
-    check_call(model, state, dt, forces[0] if varying else forces)
+    params, state, dt_, forces = typed(model, params, state, dt, forces)
+    varying = forces is not None and forces.ndim == 3
+    check_call(model, params, state, dt, forces[0] if varying else forces)
     _check_rollout(steps, every, checkpoint)
     if varying and len(forces) != steps:
         raise StepError(f"forces has {len(forces)} rows for {steps} steps")
-    return _rollout(model, *typed(model, params, state, dt, forces), steps, every, checkpoint)
+    return _rollout(model, params, state, dt_, forces, steps, every, checkpoint)
 
 
 def typed(model: Model, *values: Any) -> Any:
-    """Arrays of the model's dtype from whatever numbers a user put there, so that no two calls differ by type alone."""
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, model.rest.dtype), values)
+    """Arrays of the model's dtype from whatever numbers a user put there, so that no two calls differ by type alone.
+
+    A list, or a tuple of plain numbers, is one array.
+    """
+
+    if not isinstance(model, Model):
+        raise StepError(f"the first argument is a {type(model).__name__}; the order is (model, params, state)")
+
+    def one(leaf: Any) -> bool:
+        return isinstance(leaf, list) or (
+            isinstance(leaf, tuple) and len(leaf) > 0 and all(isinstance(number, int | float) for number in leaf)
+        )
+
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, model.rest.dtype), values, is_leaf=one)
 
 
 @partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
@@ -165,15 +180,34 @@ def worst(infos: StepInfo) -> StepInfo:
     return largest.replace(status=infos.status[first])  # type: ignore[attr-defined]
 
 
-def check_call(model: Model, state: State, dt: Any, forces: Any) -> None:
-    """Refuse a time step or arrays that cannot be right; values inside jit are not looked at."""
+def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any = None) -> None:
+    """Refuse a time step or shapes that cannot be right; values inside jit are not looked at."""
+    if not isinstance(model, Model) or not isinstance(params, Params) or not isinstance(state, State):
+        given = ", ".join(type(v).__name__ for v in (model, params, state))
+        raise StepError(f"got ({given}); the order is (model, params, state), as build returns them")
     if not isinstance(dt, jax.core.Tracer) and not (jnp.ndim(dt) == 0 and 0 < float(dt) < float("inf")):
         raise StepError(f"dt is {dt}; give a positive time step in seconds, like 1e-2")
     shape = model.rest.shape
-    forces = None if forces is None else jnp.asarray(forces)
     for name, value in (("positions", state.positions), ("velocities", state.velocities), ("forces", forces)):
         if value is not None and jnp.shape(value) != shape:
             raise StepError(f"{name} has shape {jnp.shape(value)}; the model's {shape[0]} nodes need {shape}")
+    _check_params(model, params)
+
+
+def _check_params(model: Model, params: Params) -> None:
+    elements, bodies = model.elements.count, len(model.bodies)
+    for name in ("young", "poisson", "density", "damping"):
+        found = jnp.shape(getattr(params, name))
+        if found not in ((), (1,), (bodies,), (elements,)):
+            raise StepError(
+                f"{name} has shape {found}; give one number, one for each of the {bodies} bodies, or one for each of "
+                f"the {elements} elements"
+            )
+    if jnp.shape(params.gravity) != (3,):
+        raise StepError(f"gravity has shape {jnp.shape(params.gravity)}; give three numbers, like (0, 0, -9.81)")
+    for name, values, known in (("loads", params.loads, model.loads), ("motions", params.motions, model.driven)):
+        if len(values) != len(known):
+            raise StepError(f"params.{name} holds {len(values)} values; the scene declares {len(known)}")
 
 
 def _check_rollout(steps: int, every: int, checkpoint: int | None) -> None:

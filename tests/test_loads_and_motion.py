@@ -115,3 +115,56 @@ def test_derivative_in_a_motion_and_in_a_load():
     central = (loss(shifted(1e-5)) - loss(shifted(-1e-5))) / 2e-5
     np.testing.assert_allclose(forward, backward, rtol=1e-10)
     np.testing.assert_allclose(forward, central, rtol=1e-6)
+
+
+def test_float32_driven_nodes_do_not_drift():
+    """Two thousand steps of a shake: rounding of increments would add up; places do not."""
+    motion = jf.Motion(amplitude=(0, 0.01, 0), frequency=2.0)
+    body = jf.SoftBody(
+        jf.mesh.box(SIZE, (1, 1, 1)), young=1e5, poisson=0.3, density=1000.0, driven=[jf.Driven("x+", motion)]
+    )
+    model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)), dtype=jnp.float32)
+    states, _ = jf.rollout(model, params, state, 1e-3, 2000, every=2000)
+    last = jax.tree.map(lambda leaf: leaf[-1], states)
+    driven = np.asarray(model.driven[0])
+    expected = np.asarray(model.rest)[driven] + [0, 0.01 * np.sin(2 * np.pi * 2 * float(last.time)), 0]
+    np.testing.assert_allclose(last.positions[driven], expected, atol=2e-7)
+
+
+@pytest.mark.parametrize(
+    ("change", "text"),
+    [
+        ({"driven": jf.Driven("x+", jf.Motion())}, 'driven of "slab" is .* give a list, like driven='),
+        ({"driven": [jf.Motion()]}, 'driven of "slab"'),
+        ({"driven": [jf.Driven("x+", jf.Motion(velocity=0.1))]}, "velocity of a motion .* give three finite numbers"),
+        ({"driven": [jf.Driven("x+", jf.Motion(frequency=np.nan))]}, "frequency of a motion .* one finite number"),
+        ({"driven": [jf.Driven("x+", (0, 0, 1))]}, "has a tuple for a motion"),
+        ({"loads": [(0, 0, 1)]}, 'loads of "slab" is .* give a list, like loads='),
+        ({"fixed": "bottom"}, "bottom"),
+        ({"fixed": np.ones(3, bool)}, 'fixed of "slab" is a mask of shape'),
+        ({"fixed": [0.5]}, 'fixed of "slab" has dtype float64'),
+        ({"fixed": [99]}, 'fixed of "slab" names node 99'),
+        ({"velocity": (0, 0)}, 'velocity of "slab" has shape'),
+        ({"strain": "quadratic"}, "strain of .* known: element"),
+    ],
+)
+def test_impossible_bodies_are_refused(change, text):
+    with pytest.raises(ValueError, match=text):
+        built(**change)
+
+
+@pytest.mark.parametrize(
+    ("call", "text"),
+    [
+        (lambda body: jf.build(body), "build takes a Scene, not a SoftBody"),
+        (lambda body: jf.Scene(body), "bodies is a single SoftBody"),
+        (lambda body: jf.Scene([]), "the scene holds no body"),
+        (lambda body: jf.Scene([body], gravity=-9.81), "gravity is -9.81; give three finite numbers"),
+        (lambda body: jf.build(jf.Scene([body]), solver="direct"), "solver is 'direct'; known: auto"),
+        (lambda body: jf.build(jf.Scene([body]), tolerance=0.0), "tolerance is 0.0"),
+    ],
+)
+def test_impossible_scenes_are_refused(call, text):
+    body = jf.SoftBody(jf.mesh.box(SIZE, (1, 1, 1)), young=1e5, poisson=0.3, density=1000.0)
+    with pytest.raises(jf.SceneError, match=text):
+        call(body)

@@ -290,6 +290,12 @@ def test_checkpointing_bounds_the_memory_of_a_long_gradient():
         (lambda m, p, s: jf.step(m, p, s, 1e-2, forces=jnp.zeros(3)), "forces has shape"),
         (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 10, every=3), "must be a positive multiple of every"),
         (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 0), "steps = 0"),
+        (lambda m, p, s: jf.step(p, m, s, 1e-2), "the order is .model, params, state."),
+        (lambda m, p, s: jf.step(m, s, p, 1e-2), "the order is .model, params, state."),
+        (lambda m, p, s: jf.step(m, p.replace(young=np.ones(5)), s, 1e-2), r"young has shape \(5,\); give one number"),
+        (lambda m, p, s: jf.equilibrium(m, p.replace(density=np.ones(8)), s), r"density has shape \(8,\)"),
+        (lambda m, p, s: jf.step(m, p.replace(gravity=-9.81), s, 1e-2), r"gravity has shape \(\); give three numbers"),
+        (lambda m, p, s: jf.step(m, p.replace(loads=(1.0,)), s, 1e-2), "params.loads holds 1 values"),
         (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 10, checkpoint=3), "checkpoint = 3 must be"),
         (lambda m, p, s: jf.rollout(m, p, s, 1e-2, 4, forces=jnp.zeros((3, m.nodes, 3))), "3 rows for 4 steps"),
     ],
@@ -306,3 +312,34 @@ def test_trouble_becomes_a_status():
     broken = state.replace(velocities=state.velocities.at[0, 0].set(jnp.nan).at[-1].set(jnp.nan))
     _, info = jf.step(model, params, broken, 1e-2)
     assert info.status == jf.solvers.Status.NOT_FINITE
+
+
+def test_plain_numbers_and_lists_are_taken_as_arrays():
+    model, params, state = scenes.beam((1, 1, 1))
+    plain, _ = jf.step(model, params.replace(gravity=(0, 0, -1.62), young=2e5), state, 1e-2)
+    lists = state.replace(positions=np.asarray(state.positions).tolist())
+    same, _ = jf.step(model, params.replace(gravity=[0, 0, -1.62], young=2e5), lists, 1e-2)
+    np.testing.assert_array_equal(plain.positions, same.positions)
+    assert plain.velocities[-1, 2] < 0
+
+
+def test_a_derivative_that_did_not_converge_is_nan():
+    model, params, state = scenes.beam((2, 1, 1), build={"tolerance": 1e-12})
+    rest, _ = jf.equilibrium(model, params, state)
+    stingy = model.replace(max_iterations=jnp.int32(2))
+
+    def sag(young, which):
+        return jf.equilibrium(which, params.replace(young=young), rest)[0].positions[-1, 2]
+
+    assert np.isfinite(jax.grad(sag)(params.young, model))
+    assert np.isnan(jax.grad(sag)(params.young, stingy))
+
+
+def test_gram_schmidt_steps_sag_like_polar_ones():
+    sag = {}
+    for kind in ("polar", "gram_schmidt"):
+        model, params, state = scenes.beam((4, 1, 1), rotation=kind, damping=0.05)
+        states, info = jf.rollout(model, params, state, 2e-2, 100, every=100)
+        assert (info.status == 0).all()
+        sag[kind] = float((states.positions[-1] - model.rest)[:, 2].min())
+    np.testing.assert_allclose(sag["gram_schmidt"], sag["polar"], rtol=0.01)

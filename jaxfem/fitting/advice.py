@@ -32,8 +32,8 @@ def advice(
     ]
     if step_failures:
         texts.append(
-            f"{step_failures} of the simulations had steps that did not converge; where the last of them did, the "
-            "values stand"
+            f"{step_failures} of the simulations, the last among them, had steps that did not converge: loosen the "
+            "solver's tolerance or raise its iteration limit, and fit again"
         )
     if model.rest.dtype == jnp.float32:
         texts.append("computed in single precision: values are good to about 1e-3; use float64 for more")

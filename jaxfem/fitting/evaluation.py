@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.fitting.objective import Outcome, Plan, Problem, linearised, residuals
 from jaxfem.fitting.unknowns import Unknowns
+from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
 
@@ -54,12 +55,12 @@ class Evaluator:
     def residual(self, z: np.ndarray) -> tuple[np.ndarray, Outcome]:
         """Residuals at z and the side results; infinite where the simulation left the finite numbers."""
         r, outcome = residuals(self._array(z), self.problem, self.plan)
-        return self._seen(z, np.asarray(r, np.float64), outcome), outcome
+        return self._seen(z, _or_infinite(r, outcome), outcome), outcome
 
     def linear(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, Outcome]:
         """Residuals, Jacobian and side results at z."""
         r, jacobian, outcome = linearised(self._array(z), self.problem, self.plan)
-        return self._seen(z, np.asarray(r, np.float64), outcome), np.asarray(jacobian, np.float64), outcome
+        return self._seen(z, _or_infinite(r, outcome), outcome), np.asarray(jacobian, np.float64), outcome
 
     def loss(self, r: np.ndarray) -> float:
         """Mean square of the residuals that are there; infinite where one is not finite."""
@@ -78,3 +79,10 @@ class Evaluator:
         if self.progress is not None:
             self.progress(visit.stage, visit.iteration, visit.loss, visit.values)
         return r
+
+
+def _or_infinite(r: Any, outcome: Outcome) -> np.ndarray:
+    """Residuals; infinite where a step broke down, since a step that fails returns its guess, not a motion."""
+    array = np.asarray(r, np.float64)
+    broken = int(outcome.status) in (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE)
+    return np.full_like(array, np.inf) if broken else array

@@ -31,7 +31,7 @@ class FitResult:
     where no sigma was given; `noise` [m]: root mean square residual of a coordinate; `times` (T,) [s] since the
     release at `release` [s] of the recording; `residuals` (simulated less measured, NaN where missing), `simulated`,
     `measured` (T, M, 3) [m] in the body's frame; `markers`: names; `history`: every evaluation; `status`: "converged",
-    "iteration limit" or "interrupted"; `warnings`: what may make the values wrong.
+    "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong.
     """
 
     values: dict[str, float]
@@ -96,8 +96,8 @@ def fit(
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
     Marquardt 1963) with forward-mode Jacobians from a scan over Young's modulus. FitError for what cannot be fitted.
     """
-    check_call(model, state, dt, None)
     params, state = typed(model, params, state)  # plain numbers are fine, as in `step`
+    check_call(model, params, state, dt)
     markers = markers if isinstance(markers, Markers) else attach(model, markers)
     recording = recording.subset(markers.names)
     nominal = np.asarray(marker_positions(markers, state.positions), np.float64)
@@ -118,6 +118,8 @@ def fit(
         model, found, unknown, z, spread, measured, simulated, dt, int(outcome.status != 0) and evaluator.step_failures
     )
     begun = float(recording.times[release_index(recording, release)])
+    if status == "converged" and int(outcome.status) != 0:
+        status = "steps failed"
     return _result(evaluator, z, spread, outcome, found, measured, status, warnings, begun)
 
 

@@ -62,15 +62,17 @@ def _free(name: str, value: float) -> float:
 
 
 def with_values(params: Params, values: Mapping[str, Array]) -> Params:
-    """Params with material values replaced; an array of several keeps its proportions and gets the value as its
-    mean."""
+    """Params with material values replaced; an array of several keeps its proportions and gets the value as its mean
+    (all zero: the value throughout)."""
     changed = {}
     for name, value in values.items():
         old = getattr(params, name)
         if jnp.ndim(old) == 0 or name == "poisson":
             changed[name] = jnp.broadcast_to(value, jnp.shape(old)).astype(old.dtype)
         else:
-            changed[name] = (old * (value / jnp.mean(old))).astype(old.dtype)
+            mean = jnp.mean(old)
+            shares = jnp.where(mean == 0, 1.0, old / jnp.where(mean == 0, 1.0, mean))
+            changed[name] = (shares * value).astype(old.dtype)
     return params.replace(**changed)  # type: ignore[attr-defined]
 
 

@@ -46,7 +46,7 @@ def step_system(
     """
     mass = nodal_mass(model, params.density)
     load = dt * external_force(model, params, state.positions, forces)
-    prescribed = prescribed_velocity(model, params, state.time, dt)
+    prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
     return System(
         rows=(_elastic(model, params, state, dt),),
@@ -86,13 +86,13 @@ def external_force(model: Model, params: Params, positions: Array, forces: Array
     return total if forces is None else total + forces
 
 
-def prescribed_velocity(model: Model, params: Params, time: Array, dt: Array) -> Array:
-    """Velocities that fixed and driven nodes have over a step from `time` [s], (n, 3); zero elsewhere."""
+def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -> Array:
+    """Velocities (n, 3) that bring driven nodes to their place at the end of the step; zero on all others."""
     velocity = jnp.zeros_like(model.rest)
     for nodes, motion in zip(model.driven, params.motions, strict=True):
-        rest = model.rest[nodes]
-        shift = displaced(motion, rest, time + dt) - displaced(motion, rest, time)
-        velocity = velocity.at[nodes].set(shift / dt)
+        # To the place itself, not along the path's increments: those would let rounding add up.
+        place = displaced(motion, model.rest[nodes], state.time + dt)
+        velocity = velocity.at[nodes].set((place - state.positions[nodes]) / dt)
     return velocity
 
 

@@ -9,6 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.ad_checkpoint import checkpoint_name
 
+from jaxfem.solvers.status import Status
+
 Array = jax.Array
 
 SOLUTION = "jaxfem_solution"
@@ -84,6 +86,11 @@ def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> 
         hessian, change, solve, transpose_solve=solve, symmetric=condition.symmetric
     )
     return found - correction, info
+
+
+def or_nan(solution: Array, info: Any) -> Array:
+    """A derivative whose linear solve failed is NaN, never a plausible number."""
+    return jnp.where(info.status == int(Status.CONVERGED), solution, jnp.nan)
 
 
 def _zero_tangent(value: Array) -> Any:
