@@ -121,6 +121,10 @@ def _verdict(folder: Path, result: FitResult, seconds: float) -> str:
         true, bar = TRUE[name], result.standard_errors[name]
         lines.append(f"{name:<11}{START[name]:>12.4g}{true:>12.4g}{value:>12.4g} +- {bar:.2g}")
     lines += [f"note: {text}" for text in result.warnings]
+    lines.append(
+        "note: the recording was simulated with the fit's own step, so the step's damping is in both; a filmed"
+    )
+    lines.append("      body has none of it, which is what a note on the time step's damping above warns of")
     lines += [
         "",
         f"All in {seconds:.0f} s. Look at, in {folder}:",

@@ -1,11 +1,14 @@
 """Recordings: read, written, refused with file and line; the release is found."""
 
+import jax.numpy as jnp
 import numpy as np
 import pytest
 
+import jaxfem as jf
 from jaxfem.fitting import FitError, Recording, read_recording, write_recording
 from jaxfem.fitting.measurement import measurement
 from jaxfem.fitting.recording import release_row, settled_row
+from jaxfem.fitting.unknowns import with_values
 
 HEADER = "time_s,tip_x_m,tip_y_m,tip_z_m\n"
 
@@ -99,3 +102,11 @@ def test_impossible_settings_are_refused(settings, message):
 def test_a_subset_refuses_unknown_names():
     with pytest.raises(FitError, match='no marker "tip"; its markers: a, b'):
         motion(5).subset(("tip",))
+
+
+def test_fitted_values_replace_zeros_of_several_bodies():
+    """Proportions are kept; where all are zero there are none, and the value goes to each."""
+    params = jf.Params(*jnp.array([[1e5, 3e5], [0.3, 0.3], [1e3, 1e3], [0.0, 0.0]]), gravity=jnp.zeros(3))
+    changed = with_values(params, {"damping": 2e-3, "young": 4e5})
+    np.testing.assert_allclose(changed.damping, [2e-3, 2e-3])
+    np.testing.assert_allclose(changed.young, [2e5, 6e5])
