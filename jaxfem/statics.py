@@ -1,5 +1,6 @@
 """equilibrium: where a scene rests, by Newton's method on the corotated energy; differentiable by the implicit rule."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -29,17 +30,11 @@ class _StaticInputs:
     forces: Array | None
 
 
+@dataclasses.dataclass(frozen=True)
 class _Equilibrium:
     """f_elastic(x) + f_external(x) = 0 on free nodes; `symmetric` where a potential exists."""
 
-    def __init__(self, symmetric: bool):
-        self.symmetric = symmetric
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _Equilibrium) and other.symmetric == self.symmetric
-
-    def __hash__(self) -> int:
-        return hash(self.symmetric)
+    symmetric: bool
 
     def gradient(self, inputs: _StaticInputs, unknown: Array) -> Array:
         """Minus the force on free nodes (n, 3) [N]; fixed ones have a spring to zero, so the Hessian is regular."""

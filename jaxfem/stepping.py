@@ -1,5 +1,6 @@
 """step and rollout: pure, jitted, differentiable in every float of params and state."""
 
+import dataclasses
 from functools import partial
 from typing import Any
 
@@ -21,19 +22,12 @@ class StepError(ValueError):
     """A call of `step` or `rollout` that cannot be right; the message says what to change."""
 
 
+@dataclasses.dataclass(frozen=True)
 class _StepCondition:
-    """The step's condition, with the route that solves it; compared by route, so that equal steps share a program."""
+    """The step's condition, with the route that solves it; equal ones share a program."""
 
-    symmetric = True
-
-    def __init__(self, route: str):
-        self.route = route
-
-    def __eq__(self, other: object) -> bool:
-        return isinstance(other, _StepCondition) and other.route == self.route
-
-    def __hash__(self) -> int:
-        return hash(self.route)
+    route: str
+    symmetric: bool = True
 
     def gradient(self, system: System, unknown: Array) -> Array:
         return momentum_gradient(system, unknown)

@@ -8,10 +8,10 @@ from jaxfem.bodies.elements import (
     deformation_gradient,
     rotated_strain,
     rotation_of,
-    scatter_corner_forces,
+    stress_force,
 )
 from jaxfem.bodies.material import eigenstiffness
-from jaxfem.tensors import Matrix3, from_eigenbasis, product, times
+from jaxfem.tensors import Matrix3
 
 Array = jax.Array
 
@@ -38,7 +38,4 @@ def elastic_response(
     impulse = [elements.volumes * w * s for w, s in zip([volumetric, *[deviatoric] * 5], strain, strict=True)]
     terms = [p * s for p, s in zip(impulse, strain, strict=True)]
     energy = 0.5 * sum(terms[1:], start=terms[0])
-    stress = product(rotation, from_eigenbasis([-p for p in impulse]))
-    g = elements.gradients
-    forces = [times(stress, [g[a, j] for j in range(3)]) for a in (1, 2, 3)]
-    return energy, scatter_corner_forces(elements, forces, positions.shape[0]), rotation
+    return energy, stress_force(elements, rotation, [-p for p in impulse], positions.shape[0]), rotation

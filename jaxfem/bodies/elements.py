@@ -1,5 +1,6 @@
 """Linear tetrahedra: constant shape gradients, deformation gradient, elastic strain in the element's rotated frame."""
 
+from collections.abc import Sequence
 from typing import Literal
 
 import jax
@@ -7,8 +8,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.pytrees import pytree
-from jaxfem.rotation import gram_schmidt_rotation, polar_components
-from jaxfem.tensors import Matrix3, matrix_of, product, symmetric, to_eigenbasis, transposed
+from jaxfem.rotation import gram_schmidt_components, polar_components
+from jaxfem.tensors import Matrix3, from_eigenbasis, product, symmetric, times, to_eigenbasis, transposed
 
 Array = jax.Array
 RotationKind = Literal["polar", "gram_schmidt"]
@@ -63,10 +64,7 @@ def deformation_gradient(elements: Elements, positions: Array) -> Matrix3:
 
 def rotation_of(deformation: Matrix3, kind: RotationKind) -> Matrix3:
     """Rotation of each element, as components: nearest rotation, or Gram-Schmidt on the columns (cheaper, coarser)."""
-    if kind == "polar":
-        return polar_components(deformation)
-    stacked = jnp.stack([jnp.stack(list(row), -1) for row in deformation], -2)
-    return matrix_of(jnp.moveaxis(gram_schmidt_rotation(stacked), 0, -1))
+    return polar_components(deformation) if kind == "polar" else gram_schmidt_components(deformation)
 
 
 def rotated_strain(deformation: Matrix3, rotation: Matrix3) -> list[Array]:
@@ -80,3 +78,10 @@ def scatter_corner_forces(elements: Elements, forces: list[list[Array]], nodes: 
     first = [-(forces[0][i] + forces[1][i] + forces[2][i]) for i in range(3)]
     corners = jnp.stack([jnp.stack(f, -1) for f in [first, *forces]], 1)
     return jnp.zeros((nodes, 3), corners.dtype).at[elements.cells].add(corners)
+
+
+def stress_force(elements: Elements, rotation: Matrix3, stress: Sequence[Array], nodes: int) -> Array:
+    """Nodal sums (nodes, 3) of R S grad N_a, S the symmetric matrix of the six coefficients `stress` (E,)."""
+    turned = product(rotation, from_eigenbasis(stress))
+    g = elements.gradients
+    return scatter_corner_forces(elements, [times(turned, [g[a, j] for j in range(3)]) for a in (1, 2, 3)], nodes)

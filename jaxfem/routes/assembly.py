@@ -79,17 +79,12 @@ def _frame_elements(points: np.ndarray, cells: np.ndarray, groups: list[np.ndarr
     group_of = np.zeros(len(points), np.int64)
     for number, group in enumerate(groups):
         group_of[group] = number
-    centers = points[cells].mean(1)
-    chosen = np.zeros(len(groups), np.int64)
-    best = np.full(len(groups), np.inf)
-    for corner in range(4):
-        owner = group_of[cells[:, corner]]
-        middle = np.stack([points[g].mean(0) for g in groups])[owner]
-        distance = np.sum((centers - middle) ** 2, axis=1)
-        for element in np.argsort(distance, kind="stable")[::-1]:  # the nearest is written last
-            if distance[element] <= best[owner[element]]:
-                best[owner[element]], chosen[owner[element]] = distance[element], element
-    return chosen
+    middles = np.stack([points[group].mean(0) for group in groups])
+    owners = group_of[cells].ravel()
+    distances = np.sum((np.repeat(points[cells].mean(1), 4, axis=0) - middles[owners]) ** 2, axis=1)
+    nearest = np.lexsort((distances, owners))
+    _, first = np.unique(owners[nearest], return_index=True)
+    return nearest[first] // 4
 
 
 def assemble(blocks: Array, diagonal: Array, free: Array, pattern: Pattern) -> BlockMatrix:

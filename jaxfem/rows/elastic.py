@@ -10,11 +10,11 @@ from jaxfem.bodies.elements import (
     gradient_of,
     rotated_strain,
     rotation_of,
-    scatter_corner_forces,
+    stress_force,
 )
 from jaxfem.bodies.material import eigenstiffness
 from jaxfem.pytrees import pytree, static
-from jaxfem.tensors import EIGENBASIS, from_eigenbasis, matrix_of, product, symmetric, times, to_eigenbasis, transposed
+from jaxfem.tensors import EIGENBASIS, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 
@@ -39,11 +39,8 @@ class ElasticRows:
 
     def apply_transpose(self, impulses: Array) -> Array:
         """Nodal impulses R S grad N_a of row impulses (6, E), S their symmetric matrix: -> (n, 3)."""
-        rotation = matrix_of(self.rotation)
-        stress = product(rotation, from_eigenbasis([impulses[r] for r in range(6)]))
-        g = self.elements.gradients
-        forces = [times(stress, [g[a, j] for j in range(3)]) for a in (1, 2, 3)]
-        return scatter_corner_forces(self.elements, forces, self.nodes)
+        coefficients = [impulses[r] for r in range(6)]
+        return stress_force(self.elements, matrix_of(self.rotation), coefficients, self.nodes)
 
     def diagonal(self, inverse_mass: Array) -> Array:
         """Diagonal of J M^-1 J': sum_a |s_r grad N_a|^2 / m_a; rotation drops out."""
@@ -74,5 +71,4 @@ def elastic_rows(
     scale = 1 / (elements.volumes * dt * (dt + damping))
     compliance = jnp.stack([scale / volumetric, *[scale / deviatoric] * 5])
     bias = jnp.stack([-s / (dt + damping) for s in strain])
-    stacked = jnp.stack([jnp.stack(list(row)) for row in rotation])
-    return ElasticRows(elements, stacked, compliance, bias, positions.shape[0])
+    return ElasticRows(elements, array_of(rotation), compliance, bias, positions.shape[0])

@@ -20,7 +20,9 @@ SOLUTION = "jaxfem_solution"
 class Condition(Protocol):
     """A condition gradient(inputs, unknown) = 0 and ways of solving it; hashable, holds no arrays."""
 
-    symmetric: bool
+    @property
+    def symmetric(self) -> bool:
+        """Whether the gradient's derivative in the unknown is symmetric."""
 
     def gradient(self, inputs: Any, unknown: Array) -> Array:
         """The residual, zero at the solution; differentiable in both arguments."""
@@ -52,16 +54,7 @@ def _implicit_jvp(condition: Condition, primals: tuple, tangents: tuple) -> tupl
     unknown = checkpoint_name(unknown, SOLUTION)
     # gradient(inputs, unknown) = 0   =>   H d unknown = -(d gradient / d inputs) d inputs
     _, right = jax.jvp(lambda i: condition.gradient(i, unknown), (inputs,), (tangents[0],))
-
-    def hessian(direction: Array) -> Array:
-        return jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (direction,))[1]
-
-    def solve(matvec: Callable[[Array], Array], vector: Array) -> Array:
-        frozen = jax.lax.stop_gradient(inputs), jax.lax.stop_gradient(unknown)
-        return condition.tangent_solve(*frozen, vector, matvec)
-
-    tangent = jax.lax.custom_linear_solve(hessian, -right, solve, transpose_solve=solve, symmetric=condition.symmetric)
-    return (unknown, info), (tangent, jax.tree.map(_zero_tangent, info))
+    return (unknown, info), (-_hessian_solve(condition, inputs, unknown, right), jax.tree.map(_zero_tangent, info))
 
 
 def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[Array, Any]:
@@ -74,18 +67,20 @@ def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> 
     found, info = jax.lax.stop_gradient(condition.solve(*jax.lax.stop_gradient((inputs, guess))))
     found = checkpoint_name(found, SOLUTION)
     residual = condition.gradient(inputs, found)
+    change = residual - jax.lax.stop_gradient(residual)
+    return found - _hessian_solve(condition, inputs, found, change), info
+
+
+def _hessian_solve(condition: Condition, inputs: Any, unknown: Array, right: Array) -> Array:
+    """H^-1 right, with H the derivative of the gradient in the unknown; a primitive that JAX can differentiate."""
 
     def hessian(direction: Array) -> Array:
-        return jax.jvp(lambda u: condition.gradient(inputs, u), (found,), (direction,))[1]
+        return jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (direction,))[1]
 
     def solve(matvec: Callable[[Array], Array], vector: Array) -> Array:
-        return condition.tangent_solve(jax.lax.stop_gradient(inputs), found, vector, matvec)
+        return condition.tangent_solve(*jax.lax.stop_gradient((inputs, unknown)), vector, matvec)
 
-    change = residual - jax.lax.stop_gradient(residual)
-    correction = jax.lax.custom_linear_solve(
-        hessian, change, solve, transpose_solve=solve, symmetric=condition.symmetric
-    )
-    return found - correction, info
+    return jax.lax.custom_linear_solve(hessian, right, solve, transpose_solve=solve, symmetric=condition.symmetric)
 
 
 def or_nan(solution: Array, info: Any) -> Array:
