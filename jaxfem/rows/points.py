@@ -1,0 +1,49 @@
+"""Sparse rows: each block of rows couples a few triples of the unknown. Joints, limits, motors, contacts, friction."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree, static
+
+Array = jax.Array
+
+
+@pytree
+class PointRows:
+    """m blocks of r rows over k triples each; arrays of shape (m, r).
+
+    `triples` (m, k): which triples of the unknown (n, 3) a block couples, repeats allowed; `jacobian` (m, r, 3 k): the
+    rows' coefficients, all of a triple's side by side; `compliance` (m, r) >= 0; `bias` (m, r), the c of J v + C lam - c;
+    `lower`, `upper` (m, r) or None when none of these rows is bounded. A row that is off has lower = upper = 0.
+    `unknowns`: n, the number of triples in all.
+    """
+
+    triples: Array
+    jacobian: Array
+    compliance: Array
+    bias: Array
+    unknowns: int = static()
+    lower: Array | None = None
+    upper: Array | None = None
+
+    @property
+    def bounds(self) -> tuple[Array, Array] | None:
+        """lower and upper, (m, r), or None."""
+        return None if self.lower is None or self.upper is None else (self.lower, self.upper)
+
+    def apply(self, velocities: Array) -> Array:
+        """J v: (n, 3) -> (m, r). One small dense product a block."""
+        gathered = velocities[self.triples].reshape(self.jacobian.shape[0], self.jacobian.shape[2])
+        return jnp.einsum("mrk,mk->mr", self.jacobian, gathered)
+
+    def apply_transpose(self, impulses: Array) -> Array:
+        """J' lam: (m, r) -> (n, 3)."""
+        parts = jnp.einsum("mrk,mr->mk", self.jacobian, impulses).reshape(*self.triples.shape, 3)
+        return jnp.zeros((self.unknowns, 3), parts.dtype).at[self.triples].add(parts)
+
+    def diagonal(self, inverse_mass: Array) -> Array:
+        """Diagonal of J M^-1 J' for inverse masses (n,): (m, r). A triple that occurs twice in a block is summed first."""
+        m, r, _ = self.jacobian.shape
+        parts = self.jacobian.reshape(m, r, -1, 3)
+        same = (self.triples[:, :, None] == self.triples[:, None, :]) * inverse_mass[self.triples][:, :, None]
+        return jnp.einsum("mrai,mrbi,mab->mr", parts, parts, same)
