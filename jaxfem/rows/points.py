@@ -12,8 +12,8 @@ Array = jax.Array
 class PointRows:
     """m blocks of r rows over k triples each; arrays of shape (m, r).
 
-    `triples` (m, k): which triples of the unknown (n, 3) a block couples, repeats allowed; `jacobian` (m, r, 3 k): the
-    rows' coefficients, all of a triple's side by side; `compliance` (m, r) >= 0; `bias` (m, r), the c of J v + C lam - c;
+    `triples` (m, k): which triples of the unknown (n, 3) a block couples, repeats allowed; `jacobian` (m, r, 3 k):
+    the rows' coefficients, a triple's side by side; `compliance` (m, r) >= 0; `bias` (m, r), c of J v + C lam - c;
     `lower`, `upper` (m, r) or None when none of these rows is bounded. A row that is off has lower = upper = 0.
     `unknowns`: n, the number of triples in all.
     """
@@ -42,7 +42,7 @@ class PointRows:
         return jnp.zeros((self.unknowns, 3), parts.dtype).at[self.triples].add(parts)
 
     def diagonal(self, inverse_mass: Array) -> Array:
-        """Diagonal of J M^-1 J' for inverse masses (n,): (m, r). A triple that occurs twice in a block is summed first."""
+        """Diagonal of J M^-1 J' for inverse masses (n,): (m, r). Repeated triples are summed first."""
         m, r, _ = self.jacobian.shape
         parts = self.jacobian.reshape(m, r, -1, 3)
         same = (self.triples[:, :, None] == self.triples[:, None, :]) * inverse_mass[self.triples][:, :, None]
