@@ -8,13 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.bodies.domains import Domains
 from jaxfem.bodies.elements import Elements, shape_gradients
+from jaxfem.bodies.smoothing import STRAINS, build_domains
 from jaxfem.loads import FacePressure, Load, NodalForce, PointForce, Pressure, Traction, WeightedForce
 from jaxfem.mesh import locate
 from jaxfem.mesh.groups import body_groups
 from jaxfem.model import Model, Params, State
 from jaxfem.motion import Motion
-from jaxfem.routes.assembly import sparsity
+from jaxfem.routes.pattern import solver_order, sparsity
 from jaxfem.scene import Scene, SceneError, SoftBody
 
 SOLVERS = ("auto", "condensed", "mprgp")
@@ -59,7 +61,7 @@ def build(
     model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme)
     params = _params(scene, bodies, dtype)
     velocities = np.concatenate([np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies])
-    impulses = (jnp.zeros((6, model.elements.count), dtype),) if model.solver == "mprgp" else None
+    impulses = _no_impulses(model) if model.solver == "mprgp" else None
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
     return model, params, state
 
@@ -84,13 +86,17 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     )
     if tolerance is None:
         tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
+    groups = body_groups(points, node_body, GROUP_NODES, MOST_GROUPS)
+    place = solver_order(len(points), groups)[2]
+    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
         elements=elements,
+        domains=domains,
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
         node_body=jnp.asarray(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
-        pattern=sparsity(points, cells, body_groups(points, node_body, GROUP_NODES, MOST_GROUPS), dtype),
+        pattern=sparsity(points, domains, groups, dtype),
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
@@ -101,6 +107,24 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         scheme=scheme,
         rotation=bodies[0].rotation,  # type: ignore[arg-type]
         bodies=tuple(names),
+    )
+
+
+def _domains(bodies, cells, gradients, volumes, body_of_element, place, dtype) -> tuple[Domains, ...]:
+    """Where strain is taken: for each kind of domains that a body asks for, those of all bodies that do."""
+    kinds = list(dict.fromkeys(domain for body in bodies for domain in STRAINS[body.strain]))
+    made = []
+    for kind, part in kinds:
+        users = [number for number, body in enumerate(bodies) if (kind, part) in STRAINS[body.strain]]
+        chosen = np.flatnonzero(np.isin(body_of_element, users))
+        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, dtype))
+    return tuple(made)
+
+
+def _no_impulses(model: Model) -> tuple[jax.Array, ...]:
+    """The row solver's start: a zero for each elastic row."""
+    return tuple(
+        jnp.zeros((each.rows.stop - each.rows.start, each.count), each.gradients.dtype) for each in model.domains
     )
 
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_energy
-from jaxfem.model import Model, Params, State, nodal_mass, per_element
+from jaxfem.model import Model, Params, State, elementwise, nodal_mass
 from jaxfem.pytrees import pytree
 
 Array = jax.Array
@@ -32,5 +32,6 @@ def energies(model: Model, params: Params, state: State) -> Energies:
 
 def total_elastic_energy(model: Model, params: Params, positions: Array) -> Array:
     """Elastic energy of all bodies at `positions` (n, 3) [J]."""
-    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
-    return jnp.sum(elastic_energy(model.elements, positions, young, poisson, model.rotation))
+    young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
+    parts = [jnp.sum(elastic_energy(each, positions, young, poisson, model.rotation)) for each in model.domains]
+    return sum(parts[1:], start=parts[0])

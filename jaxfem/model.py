@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.bodies.domains import Domains, domain_damping, domain_stiffness
 from jaxfem.bodies.elements import Elements, RotationKind
 from jaxfem.pytrees import pytree, static
 
@@ -45,18 +46,26 @@ class State:
 class Pattern:
     """Where the assembled matrix has its 3x3 blocks, on nodes in *solver order*: group by group, padded to equal sizes.
 
-    `neighbours` (N, width): each node's neighbours in padded rows, itself first; `slots` (12, E): flat slot of each
-    element's block (a, b), a != b, in `PAIRS` order of `assembly.py`. `order` (N,): the user's number of each node;
-    `place` (n,): the solver's number; `real` (N,): 0 where a row is padding. `frames` (groups,): an element whose
-    rotation stands for its group's.
+    `neighbours` (N, width): each node's neighbours in padded rows, itself first; `blocks` (N, width): the row of each
+    block in a table of the P pairs' blocks, their transposes, and zero. `pairs`, a tuple for each kind of domains: the
+    pair of nodes a < b of each domain, (b, D_b) arrays for b = 1, 2, ... over the D_b domains that have a node b; empty
+    for volumetric domains, which stay factors: `spots` (D, m) their nodes and `incidences` (N, k) the flat places
+    in `spots` where each node occurs, m D on padding.
+    `order` (N,): the user's number of each node; `place` (n,): the solver's number; `real` (N,): 0 where a row is
+    padding. `frames` (groups,): a domain whose rotation stands for its group's, counted through all that are not
+    volumetric. `pair_count`: P.
     """
 
     neighbours: Array
-    slots: Array
+    blocks: Array
+    pairs: tuple[tuple[Array, ...], ...]
+    spots: tuple[Array, ...]
+    incidences: tuple[Array, ...]
     order: Array
     place: Array
     real: Array
     frames: Array
+    pair_count: int = static()
 
     def gathered(self, field: Array) -> Array:
         """A nodal field (n, ...) in solver order (N, ...); zero on padding."""
@@ -72,13 +81,15 @@ class Pattern:
 class Model:
     """Topology and configuration of a built scene; arrays are leaves, only flags are static.
 
-    `rest` (n, 3) undeformed nodes [m], `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves
-    by its own dynamics and 0 where it is fixed or driven, `driven`: node indices of each prescribed motion. `coarse`:
-    the preconditioner's dense part when `prepare` has built it, else None.
+    `elements`: all tetrahedra; `domains`: where strain is taken, one entry a kind. `rest` (n, 3) undeformed nodes [m],
+    `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves by its own dynamics and 0 where it is
+    fixed or driven, `driven`: node indices of each prescribed motion. `coarse`: the preconditioner's dense part when
+    `prepare` has built it, else None.
     """
 
     rest: Array
     elements: Elements
+    domains: tuple[Domains, ...]
     nodal_volumes: Array
     node_body: Array
     free: Array
@@ -122,6 +133,21 @@ def per_element(model: Model, value: Array) -> Array:
     if value.ndim == 0 or value.shape == (1,):
         return jnp.broadcast_to(value.reshape(()), (elements.count,))
     return value if value.shape == (elements.count,) else value[elements.body]
+
+
+def elementwise(model: Model, value: Array) -> Array:
+    """A material value as a scalar () where it is one, else as one number an element, (E,)."""
+    value = jnp.asarray(value)
+    return value.reshape(()) if value.size == 1 else per_element(model, value)
+
+
+def domain_materials(model: Model, params: Params) -> list[tuple[tuple[Array, Array], Array]]:
+    """Stiffness (3K, 2 mu) [Pa] and damping [s] of each kind of domains, each () or (D,)."""
+    young, poisson, damping = (elementwise(model, v) for v in (params.young, params.poisson, params.damping))
+    return [
+        (domain_stiffness(each, young, poisson), domain_damping(each, young, poisson, damping))
+        for each in model.domains
+    ]
 
 
 def nodal_mass(model: Model, density: Array) -> Array:

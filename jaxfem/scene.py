@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from jaxfem.bodies.material import check_material
+from jaxfem.bodies.smoothing import STRAINS
 from jaxfem.loads import Load
 from jaxfem.mesh import TetMesh
 from jaxfem.motion import Motion
 
-STRAINS = ("element",)
 ROTATIONS = ("polar", "gram_schmidt")
 
 
@@ -59,7 +59,7 @@ class SoftBody:
         label = self.label
         for name in ("young", "poisson", "density", "damping"):
             check_material(label, name, getattr(self, name), len(self.mesh.cells))
-        _check_choice(label, "strain", self.strain, STRAINS)
+        _check_choice(label, "strain", self.strain, tuple(STRAINS))
         _check_choice(label, "rotation", self.rotation, ROTATIONS)
         self.nodes_of("fixed", self.fixed)
         self._check_velocity()

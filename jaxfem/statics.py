@@ -7,10 +7,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_response
+from jaxfem.bodies.material import eigenstiffness
 from jaxfem.loads import FacePressure
-from jaxfem.model import Model, Params, State, StepInfo, per_element
+from jaxfem.model import Model, Params, State, StepInfo, elementwise
 from jaxfem.pytrees import pytree
-from jaxfem.routes.assembly import BlockMatrix, assemble, tangent_blocks
+from jaxfem.routes.assembly import BlockMatrix, assemble_tangent
 from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import external_force
 from jaxfem.solvers.implicit import implicit_solution, or_nan
@@ -86,20 +87,23 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
 
 
 def _material(inputs: _StaticInputs) -> tuple[Array, Array]:
-    return per_element(inputs.model, inputs.params.young), per_element(inputs.model, inputs.params.poisson)
+    return elementwise(inputs.model, inputs.params.young), elementwise(inputs.model, inputs.params.poisson)
 
 
 def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     model = inputs.model
     free = model.free[:, None] > 0
     positions = jnp.where(free, unknown, inputs.held)
-    energy, force, rotation = elastic_response(model.elements, positions, *_material(inputs))
+    parts = [elastic_response(each, positions, *_material(inputs)) for each in model.domains]
+    force = sum((part[1] for part in parts[1:]), start=parts[0][1])
+    energy = sum((jnp.sum(part[0]) for part in parts[1:]), start=jnp.sum(parts[0][0]))
     load = external_force(model, inputs.params, positions, inputs.forces)
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
     scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
     noise = jax.lax.stop_gradient(_rounding(inputs, positions))
-    return Evaluation(jnp.sum(energy), gradient, jnp.where(free, load, 0.0), scale + noise, noise, array_of(rotation))
+    rotations = tuple(array_of(part[2]) for part in parts)
+    return Evaluation(energy, gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotations)
 
 
 def _typical_stiffness(inputs: _StaticInputs) -> Array:
@@ -111,23 +115,27 @@ def _typical_stiffness(inputs: _StaticInputs) -> Array:
 def _rounding(inputs: _StaticInputs, positions: Array) -> Array:
     """Force [N] that the rounding of positions alone makes: stiffness of each element times the last digit of x."""
     elements = inputs.model.elements
-    stiffness = _material(inputs)[0] * elements.volumes * jnp.sum(elements.gradients**2, axis=(0, 1))
+    volumetric, deviatoric = eigenstiffness(*_material(inputs))
+    stiffest = jnp.maximum(volumetric, deviatoric)
+    stiffness = stiffest * elements.volumes * jnp.sum(elements.gradients**2, axis=(0, 1))
     return jnp.finfo(positions.dtype).eps * jnp.max(jnp.abs(positions)) * jnp.linalg.norm(stiffness)
 
 
-def _tangent(inputs: _StaticInputs, unknown: Array, rotation: Array):
+def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]):
     """Products with the exact Hessian, and a preconditioner from the warped stiffness, which is always SPD."""
     model, pattern = inputs.model, inputs.model.pattern
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)
     pad = jnp.where(model.free > 0, 0.0, _typical_stiffness(inputs)).astype(positions.dtype)
 
     def matrix(exact: bool) -> BlockMatrix:
-        blocks = tangent_blocks(model.elements, positions, rotation, *_material(inputs), exact)
-        return assemble(blocks, pad, model.free, pattern)
+        return assemble_tangent(
+            model.domains, positions, rotations, *_material(inputs), pad, model.free, pattern, exact
+        )
 
     def outside(operator: Operator) -> Operator:
         return lambda vector: pattern.scattered(operator(pattern.gathered(vector)))
 
     exact, warped = matrix(True), matrix(False)
-    modes = rigid_modes(pattern, positions, model.free, rotation)
+    turning = [r for r, each in zip(rotations, model.domains, strict=True) if each.part != "volumetric"]
+    modes = rigid_modes(pattern, positions, model.free, jnp.concatenate(turning, axis=-1))
     return outside(exact.apply), outside(two_level(warped, modes, coarse_inverse(warped, modes)))

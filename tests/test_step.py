@@ -9,11 +9,9 @@ import pytest
 import scenes
 
 import jaxfem as jf
-from jaxfem.bodies.elements import deformation_gradient, rotation_of
-from jaxfem.model import nodal_mass, per_element
-from jaxfem.routes.assembly import assemble, tangent_blocks
+from jaxfem.model import nodal_mass
+from jaxfem.routes.assembly import assemble_tangent
 from jaxfem.stepping import inverted_elements
-from jaxfem.tensors import array_of
 
 RNG = np.random.default_rng(3)
 FORCE_FREE = (0.0, 0.0, 0.0)
@@ -22,10 +20,17 @@ FORCE_FREE = (0.0, 0.0, 0.0)
 def single_mode(omega):
     """A clamped block with one low mode, its Young's modulus set so that the mode has `omega` [rad/s]."""
     model, params, state = scenes.beam((2, 1, 1), gravity=FORCE_FREE, damping=0.0, build={"tolerance": 1e-13})
-    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
-    rotation = array_of(rotation_of(deformation_gradient(model.elements, state.positions), "polar"))
-    blocks = tangent_blocks(model.elements, state.positions, rotation, young, poisson)
-    stiffness = assemble(blocks, jnp.zeros(model.nodes), model.free, model.pattern)
+    rotations = [jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, each.count)) for each in model.domains]
+    stiffness = assemble_tangent(
+        model.domains,
+        state.positions,
+        rotations,
+        params.young,
+        params.poisson,
+        jnp.zeros(model.nodes),
+        model.free,
+        model.pattern,
+    )
     basis = jnp.eye(3 * model.nodes).reshape(-1, model.nodes, 3)
     gathered, scattered = model.pattern.gathered, model.pattern.scattered
     columns = jax.vmap(lambda e: scattered(stiffness.apply(gathered(e))))(basis)

@@ -54,7 +54,7 @@ def read_body(table: Table, folder: Path) -> SoftBody:
         driven=[_driven(values, mesh, place) for values, place in _children(table, "driven")],
         loads=[_load(values, mesh, place) for values, place in _children(table, "load")],
         velocity=table.vector("velocity", (0.0, 0.0, 0.0), "m/s"),
-        strain=table.choice("strain", STRAINS, STRAINS[0]),
+        strain=table.choice("strain", tuple(STRAINS), "element"),
         rotation=table.choice("rotation", ROTATIONS, ROTATIONS[0]),
         name=name,
     )

@@ -3,8 +3,9 @@
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
-from jaxfem.routes.assembly import BlockMatrix, assemble, row_blocks
+from jaxfem.routes.assembly import BlockMatrix, assemble_rows
 from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import System, momentum_gradient
 from jaxfem.solvers.pcg import pcg
@@ -15,13 +16,13 @@ Array = jax.Array
 
 def condensed_matrix(system: System) -> BlockMatrix:
     """M + J' C^-1 J of the step in solver order, fixed nodes decoupled."""
-    return assemble(row_blocks(system.rows[0]), system.mass, system.free, system.pattern)  # type: ignore[arg-type]
+    return assemble_rows(system.rows, system.mass, system.free, system.pattern)  # type: ignore[arg-type]
 
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
-    rotation = system.rows[0].rotation  # type: ignore[attr-defined]
-    return rigid_modes(system.pattern, system.positions, system.free, rotation)
+    rotations = [rows.rotation for rows in system.rows if rows.domains.part != "volumetric"]  # type: ignore[attr-defined]
+    return rigid_modes(system.pattern, system.positions, system.free, jnp.concatenate(rotations, axis=-1))
 
 
 def coarse_of(system: System) -> Array:

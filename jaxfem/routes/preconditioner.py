@@ -22,7 +22,7 @@ def inverse_blocks(blocks: Array) -> Array:
 def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array) -> Array:
     """Six rigid modes of each group at `positions` (n, 3), along the axes of its own frame: (groups, 3 size, 6).
 
-    `rotation` (3, 3, E) of the elements. In its own frame a group's modes turn with it, so a coarse matrix built at one
+    `rotation` (3, 3, D) of the domains. In its own frame a group's modes turn with it, so a coarse matrix built at one
     shape serves at others. Lengths are scaled by the group's radius; fixed nodes and padding take no part.
     """
     groups = pattern.frames.shape[0]
@@ -55,6 +55,7 @@ def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
     owner = jnp.arange(nodes) // (nodes // groups)
     coarse = jnp.zeros((groups, groups, 6, 6), blocks.dtype).at[owner[:, None], owner[matrix.neighbours]].add(blocks)
     coarse = coarse.transpose(0, 2, 1, 3).reshape(6 * groups, 6 * groups)
+    coarse = sum((factor.galerkin(modes) for factor in matrix.factors), start=coarse)
     diagonal = jnp.diagonal(coarse)
     scale = jnp.where(diagonal > 0, diagonal, 1) ** -0.5
     shift = 30 * jnp.finfo(coarse.dtype).eps

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, Pattern, State, nodal_mass, per_element
+from jaxfem.model import Model, Params, Pattern, State, domain_materials, nodal_mass
 from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
@@ -49,7 +49,7 @@ def step_system(
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
     return System(
-        rows=(_elastic(model, params, state, dt),),
+        rows=_elastic(model, params, state, dt),
         mass=mass,
         target=jnp.where(free, state.velocities + load / mass[:, None], prescribed),
         prescribed=prescribed,
@@ -96,9 +96,11 @@ def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -
     return velocity
 
 
-def _elastic(model: Model, params: Params, state: State, dt: Array) -> Rows:
-    young, poisson, damping = (per_element(model, v) for v in (params.young, params.poisson, params.damping))
-    return elastic_rows(model.elements, state.positions, young, poisson, damping, dt, model.rotation)
+def _elastic(model: Model, params: Params, state: State, dt: Array) -> tuple[Rows, ...]:
+    return tuple(
+        elastic_rows(domains, state.positions, stiffness, damping, dt, model.rotation)
+        for domains, (stiffness, damping) in zip(model.domains, domain_materials(model, params), strict=True)
+    )
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:
