@@ -88,7 +88,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
     groups = body_groups(points, node_body, GROUP_NODES, MOST_GROUPS)
     place = solver_order(len(points), groups)[2]
-    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, dtype)
+    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
         elements=elements,
@@ -110,21 +110,22 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     )
 
 
-def _domains(bodies, cells, gradients, volumes, body_of_element, place, dtype) -> tuple[Domains, ...]:
+def _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype) -> tuple[Domains, ...]:
     """Where strain is taken: for each kind of domains that a body asks for, those of all bodies that do."""
     kinds = list(dict.fromkeys(domain for body in bodies for domain in STRAINS[body.strain]))
     made = []
     for kind, part in kinds:
         users = [number for number, body in enumerate(bodies) if (kind, part) in STRAINS[body.strain]]
         chosen = np.flatnonzero(np.isin(body_of_element, users))
-        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, dtype))
+        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, points, dtype))
     return tuple(made)
 
 
 def _no_impulses(model: Model) -> tuple[jax.Array, ...]:
     """The row solver's start: a zero for each elastic row."""
     return tuple(
-        jnp.zeros((each.rows.stop - each.rows.start, each.count), each.gradients.dtype) for each in model.domains
+        jnp.zeros((each.rows.stop - each.rows.start, len(each.row_volumes)), each.gradients.dtype)
+        for each in model.domains
     )
 
 

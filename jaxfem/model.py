@@ -50,7 +50,8 @@ class Pattern:
     block in a table of the P pairs' blocks, their transposes, and zero. `pairs`, a tuple for each kind of domains: the
     pair of nodes a < b of each domain, (b, D_b) arrays for b = 1, 2, ... over the D_b domains that have a node b; empty
     for volumetric domains, which stay factors: `spots` (D, m) their nodes and `incidences` (N, k) the flat places
-    in `spots` where each node occurs, m D on padding.
+    in `spots` where each node occurs, m D on padding; `touching`, a (N, k) for each kind with clusters: the pairs of a
+    cluster and a node in which each node occurs, Q on padding.
     `order` (N,): the user's number of each node; `place` (n,): the solver's number; `real` (N,): 0 where a row is
     padding. `frames` (groups,): a domain whose rotation stands for its group's, counted through all that are not
     volumetric. `pair_count`: P.
@@ -65,6 +66,7 @@ class Pattern:
     place: Array
     real: Array
     frames: Array
+    touching: tuple[Array, ...]
     pair_count: int = static()
 
     def gathered(self, field: Array) -> Array:

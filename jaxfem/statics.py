@@ -136,6 +136,6 @@ def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]
         return lambda vector: pattern.scattered(operator(pattern.gathered(vector)))
 
     exact, warped = matrix(True), matrix(False)
-    turning = [r for r, each in zip(rotations, model.domains, strict=True) if each.part != "volumetric"]
+    turning = [r for r, each in zip(rotations, model.domains, strict=True) if not each.volumetric]
     modes = rigid_modes(pattern, positions, model.free, jnp.concatenate(turning, axis=-1))
     return outside(exact.apply), outside(two_level(warped, modes, coarse_inverse(warped, modes)))

@@ -17,7 +17,40 @@ from jaxfem.pytrees import pytree, static
 from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
 
 Array = jax.Array
-Part = Literal["full", "deviatoric", "volumetric"]
+Part = Literal["full", "deviatoric", "volumetric", "local_volumetric", "shared_volumetric"]
+
+# Above this many shear moduli, the bulk modulus acts on clusters of nodes instead of on each node: see `bulk_shares`.
+LOCAL_BULK = 8.0
+
+
+@pytree
+class Clusters:
+    """Domains taken together, for rows on their mean strain: arrays over D domains, C clusters, Q pairs that touch.
+
+    `owner` (D,): cluster of each domain; `shares` (D,): its share of the cluster's volume; `volumes` (C,) [m^3].
+    `slots` (D, m): number of each domain's nodes among the pairs of a cluster and a node of it; Q on padding.
+    `slot_cluster` (Q,) and `slot_node` (Q,): those pairs.
+    """
+
+    owner: Array
+    shares: Array
+    volumes: Array
+    slots: Array
+    slot_cluster: Array
+    slot_node: Array
+
+    @property
+    def count(self) -> int:
+        """Number of clusters."""
+        return self.volumes.shape[0]
+
+    def mean(self, values: Array) -> Array:
+        """Mean of a domain-wise value (D,) over each cluster, (C,)."""
+        return jnp.zeros(self.count, values.dtype).at[self.owner].add(self.shares * values)
+
+    def spread(self, values: Array) -> Array:
+        """The transpose of `mean`: (C,) -> (D,)."""
+        return self.shares * values[self.owner]
 
 
 @pytree
@@ -27,7 +60,7 @@ class Domains:
     Domains of more nodes come first. `cells` (D, m), in the solver's order of nodes, padded by repeating the first;
     `gradients` (m, 3, D) [1/m]: of the mean deformation gradient in the nodes' places, 0 on padding; `volumes` (D,)
     [m^3]; `body` (D,). `members` (D, k) and `shares` (D, k): elements averaged over and their shares of the volume;
-    None where domain d is element d.
+    None where domain d is element d. `clusters`: with them the rows are on the clusters' mean strains.
     """
 
     cells: Array
@@ -37,6 +70,7 @@ class Domains:
     members: Array | None
     shares: Array | None
     part: Part = static()
+    clusters: Clusters | None = None
 
     @property
     def count(self) -> int:
@@ -46,7 +80,17 @@ class Domains:
     @property
     def rows(self) -> slice:
         """Which of the six coefficients in the eigenbasis belong to this part."""
-        return {"full": slice(0, 6), "deviatoric": slice(1, 6), "volumetric": slice(0, 1)}[self.part]
+        return {"full": slice(0, 6), "deviatoric": slice(1, 6)}.get(self.part, slice(0, 1))
+
+    @property
+    def volumetric(self) -> bool:
+        """Whether only the volumetric strain is taken."""
+        return self.part.endswith("volumetric")
+
+    @property
+    def row_volumes(self) -> Array:
+        """Volume that each set of rows stands for: (D,), or (C,) with clusters [m^3]."""
+        return self.volumes if self.clusters is None else self.clusters.volumes
 
 
 def domain_gradient(domains: Domains, field: Array) -> Matrix3:
@@ -63,14 +107,21 @@ def domain_gradient(domains: Domains, field: Array) -> Matrix3:
 def domain_strain(
     domains: Domains, positions: Array, kind: RotationKind = "polar"
 ) -> tuple[list[Array], Matrix3, Matrix3]:
-    """Coefficients of the part's strain, rotation and deformation gradient of each domain, as components (D,)."""
+    """Coefficients of the part's strain, (D,) or (C,), with rotation and deformation gradient of each domain, (D,)."""
     deformation = domain_gradient(domains, positions)
     rotation = rotation_of(deformation, kind)
-    return rotated_strain(deformation, rotation)[domains.rows], rotation, deformation
+    return row_means(domains, rotated_strain(deformation, rotation)[domains.rows]), rotation, deformation
+
+
+def row_means(domains: Domains, coefficients: Sequence[Array]) -> list[Array]:
+    """Coefficients of the domains (D,) as those of the rows: means over clusters where there are some."""
+    return [c if domains.clusters is None else domains.clusters.mean(c) for c in coefficients]
 
 
 def domain_force(domains: Domains, rotation: Matrix3, stress: Sequence[Array], nodes: int) -> Array:
-    """Nodal sums (nodes, 3) of R S grad N_a, S the symmetric matrix of the part's coefficients `stress`, each (D,)."""
+    """Nodal sums (nodes, 3) of R S grad N_a, S the symmetric matrix of the rows' coefficients `stress`."""
+    if domains.clusters is not None:
+        stress = [domains.clusters.spread(s) for s in stress]
     zero = jnp.zeros_like(stress[0])
     coefficients = [zero] * domains.rows.start + list(stress) + [zero] * (6 - domains.rows.stop)
     turned = array_of(product(rotation, from_eigenbasis(coefficients)))
@@ -82,21 +133,36 @@ def domain_force(domains: Domains, rotation: Matrix3, stress: Sequence[Array], n
 
 
 def domain_stiffness(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
-    """Volumetric and deviatoric stiffness (3K, 2 mu) of each domain, () or (D,) [Pa]: means over its elements."""
+    """Volumetric and deviatoric stiffness (3K, 2 mu) of each set of rows, () or (D,) or (C,) [Pa]."""
     volumetric, deviatoric = eigenstiffness(young, poisson)
+    local, shared = bulk_shares(volumetric, deviatoric)
+    volumetric = {"local_volumetric": local, "shared_volumetric": shared}.get(domains.part, volumetric)
     return domain_mean(domains, volumetric), domain_mean(domains, deviatoric)
 
 
+def bulk_shares(volumetric: Array, deviatoric: Array) -> tuple[Array, Array]:
+    """The parts of 3K that act on each node and on clusters of nodes; they add up to it.
+
+    With q = K / (8 mu) the local part is 3K / sqrt(1 + q^2): nearly all of it up to nu = 0.4, and never more than 24
+    mu. One stiff constraint a node is more than linear displacements can follow (they lock), and what makes the matrix
+    ill-conditioned; one a cluster of about eight is not. Cf. the pressure projection of Dohrmann & Bochev 2004.
+    """
+    ratio = 2 * volumetric / (3 * deviatoric * LOCAL_BULK)
+    root = jnp.sqrt(1 + ratio**2)
+    return volumetric / root, volumetric * ratio**2 / (root * (root + 1))
+
+
 def domain_damping(domains: Domains, young: Array, poisson: Array, damping: Array) -> Array:
-    """Damping time beta of each domain, () or (D,) [s]: mean over its elements, weighted by the part's stiffness."""
+    """Damping time beta of each set of rows, () or (D,) or (C,) [s]: mean weighted by the part's stiffness."""
     if domains.members is None or jnp.ndim(damping) == 0:
         return damping
-    weight = eigenstiffness(young, poisson)[0 if domains.part == "volumetric" else 1]
+    weight = eigenstiffness(young, poisson)[0 if domains.volumetric else 1]
     return domain_mean(domains, weight * damping) / domain_mean(domains, weight)
 
 
 def domain_mean(domains: Domains, value: Array) -> Array:
-    """Mean of an elementwise value () or (E,) over each domain."""
+    """Mean of an elementwise value () or (E,) over what each set of rows stands for: () or (D,) or (C,)."""
     if domains.members is None or domains.shares is None or jnp.ndim(value) == 0:
         return value
-    return jnp.sum(value[domains.members] * domains.shares, axis=1)
+    mean = jnp.sum(value[domains.members] * domains.shares, axis=1)
+    return mean if domains.clusters is None else domains.clusters.mean(mean)

@@ -13,9 +13,9 @@ Array = jax.Array
 def elastic_energy(
     domains: Domains, positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
 ) -> Array:
-    """Energy of each domain, (D,) [J]: V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain in the eigenbasis.
+    """Energy of each domain (D,), or cluster (C,) [J]: V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain.
 
-    `young` and `poisson`: () or one number an element of the model.
+    e in the eigenbasis; `young` and `poisson`: () or one number an element of the model.
     """
     return elastic_response(domains, positions, young, poisson, kind)[0]
 
@@ -31,7 +31,7 @@ def elastic_response(
     strain, rotation, _ = domain_strain(domains, positions, kind)
     volumetric, deviatoric = domain_stiffness(domains, young, poisson)
     weights = [volumetric, *[deviatoric] * 5][domains.rows]
-    impulse = [domains.volumes * w * s for w, s in zip(weights, strain, strict=True)]
+    impulse = [domains.row_volumes * w * s for w, s in zip(weights, strain, strict=True)]
     terms = [p * s for p, s in zip(impulse, strain, strict=True)]
     energy = 0.5 * sum(terms[1:], start=terms[0])
     return energy, domain_force(domains, rotation, [-p for p in impulse], positions.shape[0]), rotation

@@ -5,14 +5,19 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.bodies.domains import Domains, Part
+from jaxfem.bodies.domains import Clusters, Domains, Part
+from jaxfem.mesh.groups import body_groups
 
 STRAINS: dict[str, tuple[tuple[str, Part], ...]] = {
     "element": (("element", "full"),),
     "nodal_volume": (("element", "deviatoric"), ("node", "volumetric")),
-    "smoothed": (("edge", "deviatoric"), ("node", "volumetric")),
+    "smoothed": (("edge", "deviatoric"), ("node", "local_volumetric"), ("node", "shared_volumetric")),
 }
-"""What each kind of strain rows takes on which domains."""
+"""What each kind of strain rows takes on which domains; shared volumetric rows come right after the local ones."""
+
+# Clusters that share volumetric rows: larger ones are softer and cheaper. Past the most, they grow with the mesh.
+CLUSTER_NODES = 8
+MOST_CLUSTERS = 1024
 
 _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
@@ -26,12 +31,13 @@ def build_domains(
     volumes: np.ndarray,
     body: np.ndarray,
     place: np.ndarray,
+    points: np.ndarray,
     dtype: Any,
 ) -> Domains:
     """Domains of one kind ("element", "edge" or "node") over the `chosen` elements of a model.
 
     `cells` (E, 4), `gradients` (E, 4, 3), `volumes` (E,), `body` (E,) of all elements, float64; `place` (n,) the rank
-    of each node, by which a domain's nodes are sorted.
+    of each node, by which a domain's nodes are sorted; `points` (n, 3).
     """
     owners, count = _owners(kind, cells[chosen])
     owner, element = owners.ravel(), np.repeat(chosen, owners.shape[1])
@@ -43,6 +49,10 @@ def build_domains(
     members, shares = _padded(owner, element, share)
     whole = kind == "element" and len(chosen) == len(cells)
     order = np.argsort(-valence, kind="stable")
+    clusters = None
+    if part == "shared_volumetric":
+        own = np.unique(cells[chosen])[order]
+        clusters = _clusters(points[own], body[members[order, 0]], total[order], nodes[order], valence[order], dtype)
     return Domains(
         jnp.asarray(nodes[order], jnp.int32),
         jnp.asarray(mean[order].transpose(1, 2, 0), dtype),
@@ -51,6 +61,30 @@ def build_domains(
         None if whole else jnp.asarray(members[order], jnp.int32),
         None if whole else jnp.asarray(shares[order], dtype),
         part,
+        clusters,
+    )
+
+
+def _clusters(centres, body, volumes, nodes, valence, dtype) -> Clusters:
+    """Clusters of neighbouring nodal domains of one body."""
+    bodies = np.unique(body, return_inverse=True)[1]
+    groups = body_groups(centres, bodies, CLUSTER_NODES, MOST_CLUSTERS)
+    owner = np.empty(len(centres), np.int64)
+    for number, group in enumerate(groups):
+        owner[group] = number
+    total = np.bincount(owner, volumes)
+    real = np.arange(nodes.shape[1]) < valence[:, None]
+    count = int(nodes.max()) + 1
+    pairs, slots = np.unique((owner[:, None] * count + nodes)[real], return_inverse=True)
+    padded = np.full(nodes.shape, len(pairs))
+    padded[real] = slots.ravel()
+    return Clusters(
+        jnp.asarray(owner, jnp.int32),
+        jnp.asarray(volumes / total[owner], dtype),
+        jnp.asarray(total, dtype),
+        jnp.asarray(padded, jnp.int32),
+        jnp.asarray(pairs // count, jnp.int32),
+        jnp.asarray(pairs % count, jnp.int32),
     )
 
 

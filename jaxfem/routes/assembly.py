@@ -9,8 +9,8 @@ import jax.numpy as jnp
 from jaxfem.bodies.domains import Domains, domain_gradient, domain_stiffness
 from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
-from jaxfem.routes.factors import Factor, domain_factor
-from jaxfem.rows.elastic import ElasticRows
+from jaxfem.routes.factors import Factor, clustered, domain_factor
+from jaxfem.rows.elastic import ElasticRows, turned_gradients
 from jaxfem.tensors import array_of, guarded_inverse, matrix_of, product, symmetric, transposed
 
 Array = jax.Array
@@ -61,10 +61,14 @@ def assemble(
 
 def assemble_rows(rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern) -> BlockMatrix:
     """M + J' C^-1 J of elastic rows."""
-    sums, factors = _zero_sums(pattern, mass.dtype), []
+    sums = _zero_sums(pattern, mass.dtype)
+    factors: list[Factor] = []
     for number, each in enumerate(rows):
-        turned = _turned(each.domains, each.rotation)
-        if each.domains.part == "volumetric":
+        turned = turned_gradients(each.domains, each.rotation)
+        if each.domains.clusters is not None:
+            weight = 1 / (3 * each.compliance[0])
+            factors.append(clustered(factors.pop(), each.domains, turned, weight, free, pattern))
+        elif each.domains.volumetric:
             factors.append(domain_factor(turned, 1 / (3 * each.compliance[0]), free, pattern, number))
         else:
             sums = sums + _row_sums(each, turned, pattern, number)
@@ -107,12 +111,15 @@ def assemble_tangent(
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
     Deviatoric domains have lambda = -2 mu / 3, volumetric ones mu = 0.
     """
-    sums, factors = _zero_sums(pattern, positions.dtype), []
+    sums = _zero_sums(pattern, positions.dtype)
+    factors: list[Factor] = []
     for number, (each, rotation) in enumerate(zip(domains, rotations, strict=True)):
         lam, mu = _lame(each, young, poisson)
-        turned = _turned(each, rotation)
+        turned = turned_gradients(each, rotation)
         spin = _spin(each, positions, rotation, lam, mu) if exact else None
-        if each.part == "volumetric":
+        if each.clusters is not None:
+            factors.append(clustered(factors.pop(), each, turned, lam, free, pattern, spin))
+        elif each.volumetric:
             factors.append(domain_factor(turned, lam, free, pattern, number, spin))
         else:
             sums = sums + _tangent_sums(turned, lam, mu, spin, pattern, number)
@@ -121,9 +128,9 @@ def assemble_tangent(
 
 def _lame(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
     """lambda and mu of the domains' part of the strain, times their volumes, (D,) [J]."""
-    volumetric, deviatoric = (v * domains.volumes for v in domain_stiffness(domains, young, poisson))
+    volumetric, deviatoric = (v * domains.row_volumes for v in domain_stiffness(domains, young, poisson))
     mu = deviatoric / 2
-    if domains.part == "volumetric":
+    if domains.volumetric:
         return volumetric / 3, jnp.zeros_like(mu)
     return (volumetric if domains.part == "full" else 0.0) / 3 - 2 * mu / 3, mu
 
@@ -134,7 +141,9 @@ def _spin(domains: Domains, positions: Array, rotation: Array, lam: Array, mu: A
     stretch = symmetric(product(transposed(turns), domain_gradient(domains, positions)))
     trace = stretch[0][0] + stretch[1][1] + stretch[2][2]
     turn = [[(trace if i == j else 0.0) - stretch[i][j] for j in range(3)] for i in range(3)]
-    return (2 * mu - lam * (trace - 3)) * array_of(product(product(turns, guarded_inverse(turn)), transposed(turns)))
+    clusters = domains.clusters
+    stress = 2 * mu - lam * (trace - 3) if clusters is None else clusters.spread(-lam * clusters.mean(trace - 3))
+    return stress * array_of(product(product(turns, guarded_inverse(turn)), transposed(turns)))
 
 
 def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, pattern: Pattern, number: int) -> Array:
@@ -152,12 +161,6 @@ def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, patt
         return lam[d] * a[:, :, None] * b[:, None] + geometric + dot[:, None, None] * identity
 
     return _pair_sums(turned, blocks, pattern, number)
-
-
-def _turned(domains: Domains, rotation: Array) -> Array:
-    """r_a = R grad N_a, (m, 3, D)."""
-    g = domains.gradients
-    return sum((rotation[None, :, j] * g[:, None, j] for j in (1, 2)), start=rotation[None, :, 0] * g[:, None, 0])
 
 
 def _zero_sums(pattern: Pattern, dtype: Any) -> Array:

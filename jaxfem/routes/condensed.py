@@ -21,7 +21,7 @@ def condensed_matrix(system: System) -> BlockMatrix:
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
-    rotations = [rows.rotation for rows in system.rows if rows.domains.part != "volumetric"]  # type: ignore[attr-defined]
+    rotations = [rows.rotation for rows in system.rows if not rows.domains.volumetric]  # type: ignore[attr-defined]
     return rigid_modes(system.pattern, system.positions, system.free, jnp.concatenate(rotations, axis=-1))
 
 

@@ -31,7 +31,8 @@ def sparsity(points: np.ndarray, domains: Sequence[Domains], groups: list[np.nda
     order, real, place = solver_order(len(points), groups)
     cells = [place[np.asarray(each.cells)] for each in domains]
     valid = [_valid(each) for each in cells]
-    assembled = [each.part != "volumetric" for each in domains]
+    assembled = [not each.volumetric for each in domains]
+    shared = [each.clusters for each in domains if each.clusters is not None]
     nodes = len(order)
     keys, pairs = _pairs([c if use else c[:0] for c, use in zip(cells, assembled, strict=True)], valid, nodes)
     neighbours, blocks = _padded_rows(keys // nodes, keys % nodes, nodes)
@@ -48,6 +49,7 @@ def sparsity(points: np.ndarray, domains: Sequence[Domains], groups: list[np.nda
         jnp.asarray(place, jnp.int32),
         jnp.asarray(real, dtype),
         jnp.asarray(_frames(points, [d for d, use in zip(domains, assembled, strict=True) if use], groups), jnp.int32),
+        tuple(jnp.asarray(_occurrences(place[np.asarray(each.slot_node)], nodes), jnp.int32) for each in shared),
         len(keys),
     )
 
@@ -94,12 +96,17 @@ def _incidences(cells: np.ndarray, valid: np.ndarray, nodes: int) -> np.ndarray:
     if not len(cells):
         return np.zeros((nodes, 0), np.int64)
     flat = np.flatnonzero(valid.ravel())
-    node = cells.ravel()[flat]
+    places = np.append(flat, cells.size)
+    return places[_occurrences(cells.ravel()[flat], nodes)]
+
+
+def _occurrences(node: np.ndarray, nodes: int) -> np.ndarray:
+    """Where each of `nodes` occurs in a list `node` (Q,), in padded rows (nodes, k); Q on padding."""
     order = np.argsort(node, kind="stable")
-    flat, node = flat[order], node[order]
-    position = np.arange(len(flat)) - np.searchsorted(node, node)
-    rows = np.full((nodes, position.max() + 1), cells.size)
-    rows[node, position] = flat
+    ordered = node[order]
+    position = np.arange(len(node)) - np.searchsorted(ordered, ordered)
+    rows = np.full((nodes, position.max(initial=0) + 1), len(node))
+    rows[ordered, position] = order
     return rows
 
 

@@ -7,6 +7,8 @@ import jax.numpy as jnp
 
 from jaxfem.model import Pattern
 from jaxfem.routes.assembly import BlockMatrix
+from jaxfem.routes.stiff import with_clusters
+from jaxfem.tensors import determinant, matrix_of
 
 Array = jax.Array
 
@@ -23,20 +25,30 @@ def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array
     """Six rigid modes of each group at `positions` (n, 3), along the axes of its own frame: (groups, 3 size, 6).
 
     `rotation` (3, 3, D) of the domains. In its own frame a group's modes turn with it, so a coarse matrix built at one
-    shape serves at others. Lengths are scaled by the group's radius; fixed nodes and padding take no part.
+    shape serves at others. Lengths are scaled by the group's radius; fixed nodes and padding take no part. A group of
+    free nodes on one line has no rotations: they would not be independent of each other.
     """
     groups = pattern.frames.shape[0]
     frame = jnp.moveaxis(rotation[:, :, pattern.frames], -1, 0)  # (groups, 3, 3), columns are the axes
     x = pattern.gathered(positions).reshape(groups, -1, 3)
-    weight = pattern.real.reshape(groups, -1, 1)
-    count = jnp.sum(weight, 1, keepdims=True)
-    arm = (x - jnp.sum(x, 1, keepdims=True) / count) * weight
+    weight = pattern.gathered(free).reshape(groups, -1, 1)
+    count = jnp.maximum(jnp.sum(weight, 1, keepdims=True), 1)
+    arm = (x - jnp.sum(x * weight, 1, keepdims=True) / count) * weight
     radius = jnp.sqrt(jnp.sum(arm**2, (1, 2), keepdims=True) / count)
-    arm = arm / jnp.where(radius > 0, radius, 1)
+    arm = jnp.where(_off_a_line(arm), arm / jnp.where(radius > 0, radius, 1), 0)
     axes = jnp.broadcast_to(frame[:, None], (*arm.shape[:2], 3, 3))
     turns = jnp.cross(axes, arm[..., None], axisa=2, axisb=2, axisc=2)  # axis k x arm, in column k
-    modes = jnp.concatenate([axes, turns], -1) * pattern.gathered(free).reshape(groups, -1, 1, 1)
+    modes = jnp.concatenate([axes * weight[..., None], turns], -1)
     return modes.reshape(groups, -1, 6)
+
+
+def _off_a_line(arm: Array) -> Array:
+    """Whether arms (groups, size, 3) from their centres span more than a line: (groups, 1, 1)."""
+    spread = jnp.einsum("gai,gaj->gij", arm, arm)
+    trace = jnp.trace(spread, axis1=1, axis2=2)
+    # Product of the moments of inertia, the sums of two principal spreads.
+    inertia = trace[:, None, None] * jnp.eye(3, dtype=arm.dtype) - spread
+    return (determinant(matrix_of(jnp.moveaxis(inertia, 0, -1))) > 1e-5 * trace**3)[:, None, None]
 
 
 def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
@@ -66,7 +78,10 @@ def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
 
 
 def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Array], Array]:
-    """r -> D^-1 r + Z (Z'SZ)^-1 Z' r on fields in solver order (N, 3); `inverse` may come from an earlier shape."""
+    """r -> D^-1 r + Z (Z'SZ)^-1 Z' r on fields in solver order (N, 3); `inverse` may come from an earlier shape.
+
+    Rows shared by clusters are left out of both and brought in by `with_clusters`.
+    """
     blocks = inverse_blocks(matrix.diagonal_blocks)
     groups = modes.shape[0]
 
@@ -76,4 +91,7 @@ def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Ar
         smooth = jnp.einsum("nij,nj->ni", blocks, residual)
         return smooth + jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
 
-    return apply
+    precondition: Callable[[Array], Array] = apply
+    for factor in matrix.factors:
+        precondition = with_clusters(precondition, factor, blocks, modes, inverse)
+    return precondition

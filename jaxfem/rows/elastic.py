@@ -3,7 +3,7 @@
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strain
+from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strain, row_means
 from jaxfem.bodies.elements import RotationKind
 from jaxfem.pytrees import pytree, static
 from jaxfem.tensors import EIGENBASIS, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
@@ -15,7 +15,8 @@ Array = jax.Array
 class ElasticRows:
     """The r rows a domain of the part of the strain that is taken there, arrays of shape (r, D); never at a bound.
 
-    Full: row 0 volumetric, rows 1 to 5 deviatoric. Deviatoric: the last five. Volumetric: the first.
+    Full: row 0 volumetric, rows 1 to 5 deviatoric. Deviatoric: the last five. Volumetric: the first, on clusters of
+    domains, (1, C), where they are taken together.
     """
 
     domains: Domains
@@ -30,18 +31,37 @@ class ElasticRows:
         """Rate of the rotated strain, sym(R' grad v), with R held: (n, 3) [m/s] -> (r, D) [1/s]."""
         rotation = matrix_of(self.rotation)
         rate = symmetric(product(transposed(rotation), domain_gradient(self.domains, velocities)))
-        return jnp.stack(to_eigenbasis(rate)[self.domains.rows])
+        return jnp.stack(row_means(self.domains, to_eigenbasis(rate)[self.domains.rows]))
 
     def apply_transpose(self, impulses: Array) -> Array:
         """Nodal impulses R S grad N_a of row impulses (r, D), S their symmetric matrix: -> (n, 3)."""
         return domain_force(self.domains, matrix_of(self.rotation), list(impulses), self.nodes)
 
     def diagonal(self, inverse_mass: Array) -> Array:
-        """Diagonal of J M^-1 J': sum_a |s_r grad N_a|^2 / m_a; rotation drops out."""
+        """Diagonal of J M^-1 J': sum_a |s_r grad N_a|^2 / m_a; rotation drops out, but not within a cluster."""
+        clusters = self.domains.clusters
+        if clusters is not None:
+            arms = cluster_arms(self.domains, turned_gradients(self.domains, self.rotation)) / jnp.sqrt(3.0)
+            parts = jnp.sum(arms[:-1] ** 2, axis=1) * inverse_mass[clusters.slot_node]
+            return jnp.zeros((1, clusters.count), parts.dtype).at[0, clusters.slot_cluster].add(parts)
         corner = inverse_mass[self.domains.cells].T
         basis = jnp.asarray(EIGENBASIS[self.domains.rows], corner.dtype)
         spread = jnp.einsum("rij,aje->raie", basis, self.domains.gradients)
         return jnp.einsum("raie,raie,ae->re", spread, spread, corner)
+
+
+def turned_gradients(domains: Domains, rotation: Array) -> Array:
+    """r_a = R grad N_a, (m, 3, D)."""
+    g = domains.gradients
+    return sum((rotation[None, :, j] * g[:, None, j] for j in (1, 2)), start=rotation[None, :, 0] * g[:, None, 0])
+
+
+def cluster_arms(domains: Domains, turned: Array) -> Array:
+    """Mean of r_a over each cluster, for each pair of a cluster and a node: (Q + 1, 3), the last of padding."""
+    clusters = domains.clusters
+    assert clusters is not None
+    parts = (clusters.shares * turned).transpose(2, 0, 1)
+    return jnp.zeros((clusters.slot_node.shape[0] + 1, 3), parts.dtype).at[clusters.slots].add(parts)
 
 
 def elastic_rows(
@@ -59,7 +79,7 @@ def elastic_rows(
     (Benevolensky & Voroshilov 2009, section 2, with design.md's corrections).
     """
     strain, rotation, _ = domain_strain(domains, positions, kind)
-    scale = 1 / (domains.volumes * dt * (dt + damping))
+    scale = 1 / (domains.row_volumes * dt * (dt + damping))
     volumetric, deviatoric = stiffness
     compliance = jnp.stack([scale / volumetric, *[scale / deviatoric] * 5][domains.rows])
     bias = jnp.stack([-s / (dt + damping) for s in strain])
