@@ -18,9 +18,9 @@ from jaxfem.model import Model, Params, State
 from jaxfem.motion import Motion
 from jaxfem.routes.pattern import solver_order, sparsity
 from jaxfem.scene import Scene, SceneError, SoftBody
+from jaxfem.schemes import SCHEMES
 
 SOLVERS = ("auto", "condensed", "mprgp")
-SCHEMES = ("backward_euler",)
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: past some hundred groups its product costs as much as the fine one.
@@ -37,13 +37,16 @@ def build(
     *,
     solver: str = "auto",
     scheme: str = "backward_euler",
+    rho_inf: float = 0.8,
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
-    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto". `dtype`: float32 or float64;
+    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto". `scheme`: "backward_euler"
+    (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0
+    to 1, of the highest frequencies). `dtype`: float32 or float64;
     JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64 and 1e-5 in float32
     when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known bias.
     """
@@ -51,6 +54,8 @@ def build(
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
     _check_choice("solver", solver, SOLVERS)
     _check_choice("scheme", scheme, SCHEMES)
+    if not 0 <= rho_inf <= 1:
+        raise SceneError(f"rho_inf is {rho_inf}; it is the share of the highest frequencies left by a step, 0 to 1")
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
     bodies, names = list(scene.bodies), _names(scene.bodies)
@@ -58,7 +63,7 @@ def build(
         _check_body(body, name)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme)
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf)
     params = _params(scene, bodies, dtype)
     velocities = np.concatenate([np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies])
     impulses = _no_impulses(model) if model.solver == "mprgp" else None
@@ -66,7 +71,7 @@ def build(
     return model, params, state
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme) -> Model:
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf) -> Model:
     points = np.concatenate([b.mesh.points for b in bodies])
     cells = np.concatenate([b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)])
     gradients, volumes = shape_gradients(points, cells)
@@ -103,6 +108,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),
         max_iterations=jnp.asarray(max_iterations, jnp.int32),
+        rho_inf=jnp.asarray(rho_inf, dtype),
         solver="condensed" if solver == "auto" else solver,
         scheme=scheme,
         rotation=bodies[0].rotation,  # type: ignore[arg-type]

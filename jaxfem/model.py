@@ -33,6 +33,8 @@ class Params:
 class State:
     """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
 
+    `accelerations` (n, 3) [m/s^2] belong to the second-order scheme; None where they are unknown, as at the start: the
+    next step then takes those that the forces give. Set them to None after moving a body by hand.
     `impulses` warm-starts the row solver; None with solvers that do not use it. It never affects the solution.
     """
 
@@ -40,6 +42,7 @@ class State:
     velocities: Array
     time: Array
     impulses: Any = None
+    accelerations: Array | None = None
 
 
 @pytree
@@ -85,8 +88,9 @@ class Model:
 
     `elements`: all tetrahedra; `domains`: where strain is taken, one entry a kind. `rest` (n, 3) undeformed nodes [m],
     `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves by its own dynamics and 0 where it is
-    fixed or driven, `driven`: node indices of each prescribed motion. `coarse`: the preconditioner's dense part when
-    `prepare` has built it, else None.
+    fixed or driven, `driven`: node indices of each prescribed motion. `rho_inf`: what the second-order scheme
+    leaves of the highest frequencies in a step. `coarse`: the preconditioner's dense part when `prepare` has built it,
+    else None.
     """
 
     rest: Array
@@ -100,6 +104,7 @@ class Model:
     driven: tuple
     tolerance: Array
     max_iterations: Array
+    rho_inf: Array
     solver: str = static()
     scheme: str = static()
     rotation: RotationKind = static()

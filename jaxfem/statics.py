@@ -81,7 +81,7 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     guess = jax.lax.stop_gradient(state.positions)
     unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
-    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions))  # type: ignore[attr-defined]
+    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)  # type: ignore[attr-defined]
     inverted = inverted_elements(model, positions)
     return rest, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
 

@@ -7,11 +7,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
-from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.model import Model, Params, State, StepInfo, domain_materials, nodal_mass
 from jaxfem.routes.condensed import coarse_of, solve_condensed, solve_linear
 from jaxfem.routes.dual import solve_dual
-from jaxfem.routes.system import System, merged, momentum_gradient, step_system
+from jaxfem.routes.system import System, external_force, merged, momentum_gradient, step_system
+from jaxfem.schemes import alpha_advance
 from jaxfem.solvers.implicit import SOLUTION, or_nan, piecewise_linear_solution
 from jaxfem.tensors import determinant
 
@@ -53,6 +55,7 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
+    state = _begun(model, params, state, forces)
     return _advance(model, params, state, dt, forces, _coarse(model, params, state, dt))
 
 
@@ -69,7 +72,7 @@ def prepare(model: Model, params: Params, state: State, dt: Any) -> Model:
 
 @jax.jit
 def _prepared(model: Model, params: Params, state: State, dt: Array) -> Array:
-    return coarse_of(step_system(model, params, state, dt))
+    return coarse_of(step_system(model, params, _begun(model, params, state, None), dt))
 
 
 def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array:
@@ -81,15 +84,36 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
     guess = state.impulses if model.solver == "mprgp" else state.velocities
     unknown, (info, impulses) = piecewise_linear_solution(_StepCondition(model.solver), system, guess)
     velocities = merged(system, unknown)
+    positions, accelerations = _moved(model, state, velocities, dt)
     following = state.replace(  # type: ignore[attr-defined]
-        positions=state.positions + dt * velocities,
-        velocities=velocities,
-        time=state.time + dt,
-        impulses=impulses,
+        positions=positions, velocities=velocities, time=state.time + dt, impulses=impulses, accelerations=accelerations
     )
     return following, StepInfo(
         info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, following.positions)
     )
+
+
+def _moved(model: Model, state: State, velocities: Array, dt: Array) -> tuple[Array, Array | None]:
+    """Positions and accelerations at the end of a step with `velocities`."""
+    if model.scheme == "backward_euler" or state.accelerations is None:
+        return state.positions + dt * velocities, None
+    free = model.free[:, None] > 0
+    before = state.positions, state.velocities, state.accelerations
+    return alpha_advance(*before, velocities, None, free, dt, model.rho_inf)
+
+
+def _begun(model: Model, params: Params, state: State, forces: Array | None) -> State:
+    """The state with the accelerations that its forces give, where the scheme needs them and they are not known."""
+    if model.scheme == "backward_euler":
+        return state.replace(accelerations=None)  # type: ignore[attr-defined]
+    if state.accelerations is not None:
+        return state
+    force = external_force(model, params, state.positions, forces)
+    for domains, (stiffness, damping) in zip(model.domains, domain_materials(model, params), strict=True):
+        where = state.positions, state.velocities
+        force = force + viscoelastic_force(domains, *where, stiffness, damping, model.rotation)
+    mass = nodal_mass(model, params.density)
+    return state.replace(accelerations=force / mass[:, None] * model.free[:, None])  # type: ignore[attr-defined]
 
 
 def inverted_elements(model: Model, positions: Array) -> Array:
@@ -143,6 +167,7 @@ def typed(model: Model, *values: Any) -> Any:
 @partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
 def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
     varying = forces is not None and forces.ndim == 3
+    state = _begun(model, params, state, forces[0] if varying else forces)
     # Built once: its frames turn with the body, and it only preconditions.
     coarse = _coarse(model, params, state, dt)
 

@@ -14,6 +14,7 @@ LAYERS = [
     ["pytrees"],
     ["rotation", "tensors"],
     ["solvers", "mesh"],
+    ["schemes"],
     ["bodies", "motion"],
     ["loads", "model", "rows"],
     ["routes", "scene", "energies"],

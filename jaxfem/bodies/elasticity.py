@@ -3,9 +3,16 @@
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import Domains, domain_force, domain_stiffness, domain_strain
+from jaxfem.bodies.domains import (
+    Domains,
+    domain_force,
+    domain_gradient,
+    domain_stiffness,
+    domain_strain,
+    row_means,
+)
 from jaxfem.bodies.elements import RotationKind
-from jaxfem.tensors import Matrix3
+from jaxfem.tensors import Matrix3, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 
@@ -43,3 +50,20 @@ def elastic_force(
     """Elastic force of all domains on the nodes, (n, 3) [N]."""
     parts = (elastic_response(each, positions, young, poisson, kind)[1] for each in domains)
     return sum(parts, start=jnp.zeros_like(positions))
+
+
+def viscoelastic_force(
+    domains: Domains,
+    positions: Array,
+    velocities: Array,
+    stiffness: tuple[Array, Array],
+    damping: Array,
+    kind: RotationKind = "polar",
+) -> Array:
+    """Force (n, 3) [N] of the stress D (e + beta de/dt); `stiffness` (3K, 2 mu) and `damping` () or (D,)."""
+    strain, rotation, _ = domain_strain(domains, positions, kind)
+    rate = symmetric(product(transposed(rotation), domain_gradient(domains, velocities)))
+    rates = row_means(domains, to_eigenbasis(rate)[domains.rows])
+    weights = [stiffness[0], *[stiffness[1]] * 5][domains.rows]
+    pull = [-domains.row_volumes * w * (s + damping * r) for w, s, r in zip(weights, strain, rates, strict=True)]
+    return domain_force(domains, rotation, pull, positions.shape[0])

@@ -11,6 +11,7 @@ from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
 from jaxfem.rows.elastic import elastic_rows
+from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage
 
 Array = jax.Array
 
@@ -45,20 +46,21 @@ def step_system(
     `coarse` may be None for those who do not solve.
     """
     mass = nodal_mass(model, params.density)
-    load = dt * external_force(model, params, state.positions, forces)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
+    stage = _stage(model, state, prescribed, dt)
+    load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        rows=_elastic(model, params, state, dt),
+        rows=_elastic(model, params, stage),
         mass=mass,
-        target=jnp.where(free, state.velocities + load / mass[:, None], prescribed),
+        target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,
         free=model.free,
         floor=_rounding_floor(mass, load, state.velocities),
         pattern=model.pattern,
         tolerance=model.tolerance,
         max_iterations=model.max_iterations,
-        positions=jax.lax.stop_gradient(state.positions),
+        positions=jax.lax.stop_gradient(stage.base),
         coarse=coarse,
     )
 
@@ -96,9 +98,17 @@ def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -
     return velocity
 
 
-def _elastic(model: Model, params: Params, state: State, dt: Array) -> tuple[Rows, ...]:
+def _stage(model: Model, state: State, prescribed: Array, dt: Array) -> Stage:
+    x, v = state.positions, state.velocities
+    if model.scheme == "backward_euler":
+        return backward_euler_stage(x, v, dt)
+    accelerations = jnp.zeros_like(v) if state.accelerations is None else state.accelerations
+    return alpha_stage(x, v, accelerations, prescribed, model.free[:, None] > 0, dt, model.rho_inf)
+
+
+def _elastic(model: Model, params: Params, stage: Stage) -> tuple[Rows, ...]:
     return tuple(
-        elastic_rows(domains, state.positions, stiffness, damping, dt, model.rotation)
+        elastic_rows(domains, stage, stiffness, damping, model.rotation)
         for domains, (stiffness, damping) in zip(model.domains, domain_materials(model, params), strict=True)
     )
 

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strain, row_means
 from jaxfem.bodies.elements import RotationKind
 from jaxfem.pytrees import pytree, static
+from jaxfem.schemes import Stage
 from jaxfem.tensors import EIGENBASIS, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
@@ -66,21 +67,26 @@ def cluster_arms(domains: Domains, turned: Array) -> Array:
 
 def elastic_rows(
     domains: Domains,
-    positions: Array,
+    stage: Stage,
     stiffness: tuple[Array, Array],
     damping: Array,
-    dt: Array,
     kind: RotationKind = "polar",
 ) -> ElasticRows:
-    """Rows of one backward Euler step from `positions` (n, 3); `stiffness` (3K, 2 mu) [Pa] and `damping` () or (D,).
+    """Rows of one step, made at its `stage`; `stiffness` (3K, 2 mu) [Pa] and `damping` () or (D,).
 
-    With e the rotated strain and D the stiffness, the stress impulse at the end of the step is
-        lam = -dt V D (e + (dt + beta) J v)   =>   C = 1 / (D V dt (dt + beta)),   c = -e / (dt + beta)
-    (Benevolensky & Voroshilov 2009, section 2, with design.md's corrections).
+    With e the rotated strain, D the stiffness, and strain and rate at x_a = base + ahead + reach v and
+    v_a = before + follow v (see `schemes`), the stress impulse is
+        lam = -weight V D (e + J ahead + beta J before + (reach + follow beta) J v)
+        =>   C = 1 / (D V weight (reach + follow beta)),   c = -(e + J ahead + beta J before) / (reach + follow beta).
+    For backward Euler C = 1 / (D V dt (dt + beta)), c = -e / (dt + beta) (Benevolensky & Voroshilov 2009, section 2).
     """
-    strain, rotation, _ = domain_strain(domains, positions, kind)
-    scale = 1 / (domains.row_volumes * dt * (dt + damping))
+    strain, rotation, _ = domain_strain(domains, stage.base, kind)
+    span = stage.reach + stage.follow * damping
+    scale = 1 / (domains.row_volumes * stage.weight * span)
     volumetric, deviatoric = stiffness
     compliance = jnp.stack([scale / volumetric, *[scale / deviatoric] * 5][domains.rows])
-    bias = jnp.stack([-s / (dt + damping) for s in strain])
-    return ElasticRows(domains, array_of(rotation), compliance, bias, positions.shape[0])
+    rows = ElasticRows(domains, array_of(rotation), compliance, jnp.stack(strain), stage.base.shape[0])
+    known = rows.bias
+    if stage.ahead is not None and stage.before is not None:
+        known = known + rows.apply(stage.ahead) + damping * rows.apply(stage.before)
+    return rows.replace(bias=-known / span)  # type: ignore[attr-defined]

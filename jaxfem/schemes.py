@@ -1,0 +1,133 @@
+"""Time schemes in row form: where a step takes strains and rates, and how velocities become the next state.
+
+A scheme only changes the coefficients of C and c, the velocities that loads are added to, and the recombination:
+strain and rate are taken at  x_a = base + ahead + reach v  and  v_a = before + follow v,  v the end-of-step velocity,
+and impulses count `weight` instead of dt. Rows are linearised at `base`.
+
+Backward Euler: x_a = x + dt v, v_a = v. Generalised alpha (Chung & Hulbert 1993), with numbers from rho, the share of
+the highest frequencies that a step leaves:  a_m = (2 rho - 1)/(rho + 1), a_f = rho/(rho + 1), g = 1/2 - a_m + a_f,
+b = (1 - a_m + a_f)^2 / 4:
+    M ((1 - a_m) a1 + a_m a0) = f at (1 - a_f) (x1, v1) + a_f (x0, v0)
+    x1 = x0 + dt v0 + dt^2 ((1/2 - b) a0 + b a1),   v1 = v0 + dt ((1 - g) a0 + g a1).
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree
+
+Array = jax.Array
+
+SCHEMES = ("backward_euler", "generalized_alpha")
+
+
+@pytree
+class Stage:
+    """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros."""
+
+    base: Array
+    ahead: Array | None
+    before: Array | None
+    start: Array
+    reach: Array
+    follow: Any
+    weight: Array
+
+
+@pytree
+class Alpha:
+    """The numbers of generalised alpha for a given rho."""
+
+    mass: Array
+    force: Array
+    gamma: Array
+    beta: Array
+
+
+def alpha_numbers(rho: Array) -> Alpha:
+    """Chung & Hulbert 1993: second order, least low-frequency damping for `rho` in [0, 1]."""
+    mass, force = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    return Alpha(mass, force, 0.5 - mass + force, 0.25 * (1 - mass + force) ** 2)
+
+
+def backward_euler_stage(positions: Array, velocities: Array, dt: Array) -> Stage:
+    """Strain and rate at the end of the step, rows linearised at its start."""
+    return Stage(positions, None, None, velocities, dt, 1.0, dt)
+
+
+def alpha_stage(
+    positions: Array, velocities: Array, accelerations: Array, prescribed: Array, free: Array, dt: Array, rho: Array
+) -> Stage:
+    """Strain and rate in between, rows linearised at the place that the old velocity leads to.
+
+    That place is within O(dt^2) of the stage, so what is left of the rotations is of third order in a step. Nodes with
+    `free` (n, 1) false move evenly with their `prescribed` velocity.
+    """
+    n = alpha_numbers(rho)
+    reach = (1 - n.force) * n.beta / n.gamma * dt
+    drift = (1 - n.force) * dt
+    ahead = -reach * velocities + drift * dt * (0.5 - n.beta / n.gamma) * accelerations
+    scale = n.gamma / (1 - n.mass)
+    return Stage(
+        base=positions + drift * velocities,
+        ahead=jnp.where(free, ahead, (drift - reach) * prescribed - drift * velocities),
+        before=n.force * velocities,
+        start=velocities + dt * ((1 - n.gamma) - scale * n.mass) * accelerations,
+        reach=reach,
+        follow=1 - n.force,
+        weight=scale * dt,
+    )
+
+
+def alpha_advance(
+    positions: Array,
+    velocities: Array,
+    accelerations: Array,
+    found: Array,
+    jump: Array | None,
+    free: Array,
+    dt: Array,
+    rho: Array,
+) -> tuple[Array, Array]:
+    """Positions and accelerations (n, 3) at the end of the step, from its velocities `found`.
+
+    `jump` (n, 3) or None: the part of the velocities that joints and contacts gave. It moves the nodes as in backward
+    Euler and stays out of the accelerations, so that no impact echoes (cf. Chen, Acary, Virlez & Bruls 2013).
+    """
+    n = alpha_numbers(rho)
+    smooth = found if jump is None else found - jump
+    new = (smooth - velocities) / (n.gamma * dt) - (1 - n.gamma) / n.gamma * accelerations
+    moved = positions + dt * velocities + dt**2 * ((0.5 - n.beta) * accelerations + n.beta * new)
+    moved = moved if jump is None else moved + dt * jump
+    return jnp.where(free, moved, positions + dt * found), jnp.where(free, new, 0.0)
+
+
+def scheme_damping(scheme: str, frequencies: Any, dt: Any, rho_inf: Any = 0.8) -> Array:
+    """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
+
+    scheme: "backward_euler" or "generalized_alpha" (with its rho_inf). The shape of `frequencies` comes back.
+    From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|. Not differentiable.
+    """
+    if scheme not in SCHEMES:
+        raise ValueError(f"scheme is {scheme!r}; known: {', '.join(SCHEMES)}")
+    turn = jnp.atleast_1d(jnp.asarray(frequencies, float) * dt)
+    eigenvalue = 1 / (1 - 1j * turn) if scheme == "backward_euler" else _alpha_eigenvalue(turn, jnp.asarray(rho_inf))
+    exponent = jnp.log(eigenvalue)
+    return (-exponent.real / jnp.abs(exponent)).reshape(jnp.shape(frequencies))
+
+
+def _alpha_eigenvalue(turn: Array, rho: Array) -> Array:
+    """The oscillating eigenvalue of one step on a mode, with dt = 1: state (x, v, a)."""
+    n = alpha_numbers(rho)
+    one, zero, square = jnp.ones_like(turn), jnp.zeros_like(turn), turn**2
+    new = [
+        [one, zero, -n.beta * one],
+        [zero, one, -n.gamma * one],
+        [square * (1 - n.force), zero, (1 - n.mass) * one],
+    ]
+    old = [[one, one, (0.5 - n.beta) * one], [zero, one, (1 - n.gamma) * one], [-square * n.force, zero, -n.mass * one]]
+    left, right = (jnp.moveaxis(jnp.array(m), -1, 0) for m in (new, old))
+    values = jnp.linalg.eigvals(jnp.linalg.solve(left, right))
+    return jnp.take_along_axis(values, jnp.argmax(values.imag, axis=-1)[:, None], axis=-1)[:, 0]
