@@ -1,6 +1,5 @@
 """step and rollout: pure, jitted, differentiable in every float of params and state."""
 
-import dataclasses
 from functools import partial
 from typing import Any
 
@@ -10,11 +9,11 @@ import jax.numpy as jnp
 from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
 from jaxfem.model import Model, Params, State, StepInfo, domain_materials, nodal_mass
-from jaxfem.routes.condensed import coarse_of, solve_condensed, solve_linear
-from jaxfem.routes.dual import solve_dual
-from jaxfem.routes.system import System, external_force, merged, momentum_gradient, step_system
+from jaxfem.routes.condensed import coarse_of
+from jaxfem.routes.solution import solve_system
+from jaxfem.routes.system import external_force, step_system
 from jaxfem.schemes import alpha_advance
-from jaxfem.solvers.implicit import SOLUTION, or_nan, piecewise_linear_solution
+from jaxfem.solvers.implicit import SOLUTION
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -22,23 +21,6 @@ Array = jax.Array
 
 class StepError(ValueError):
     """A call of `step` or `rollout` that cannot be right; the message says what to change."""
-
-
-@dataclasses.dataclass(frozen=True)
-class _StepCondition:
-    """The step's condition, with the route that solves it; equal ones share a program."""
-
-    route: str
-    symmetric: bool = True
-
-    def gradient(self, system: System, unknown: Array) -> Array:
-        return momentum_gradient(system, unknown)
-
-    def solve(self, system: System, guess: Any) -> tuple[Array, Any]:
-        return (solve_dual if self.route == "mprgp" else solve_condensed)(system, guess)
-
-    def tangent_solve(self, system: System, unknown: Array, right: Array, matvec: Any) -> Array:
-        return or_nan(*solve_linear(system, right))
 
 
 def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = None) -> tuple[State, StepInfo]:
@@ -81,9 +63,7 @@ def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array:
 
 def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array):
     system = step_system(model, params, state, dt, forces, coarse)
-    guess = state.impulses if model.solver == "mprgp" else state.velocities
-    unknown, (info, impulses) = piecewise_linear_solution(_StepCondition(model.solver), system, guess)
-    velocities = merged(system, unknown)
+    velocities, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
     positions, accelerations = _moved(model, state, velocities, dt)
     following = state.replace(  # type: ignore[attr-defined]
         positions=positions, velocities=velocities, time=state.time + dt, impulses=impulses, accelerations=accelerations

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.routes.assembly import BlockMatrix, assemble_rows
 from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
-from jaxfem.routes.system import System, momentum_gradient
+from jaxfem.routes.system import System, elastic_part, momentum_gradient
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
 
@@ -16,12 +16,13 @@ Array = jax.Array
 
 def condensed_matrix(system: System) -> BlockMatrix:
     """M + J' C^-1 J of the step in solver order, fixed nodes decoupled."""
-    return assemble_rows(system.rows, system.mass, system.free, system.pattern)  # type: ignore[arg-type]
+    rows = elastic_part(system).rows
+    return assemble_rows(rows, system.mass, system.free, system.pattern)  # type: ignore[arg-type]
 
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
-    rotations = [rows.rotation for rows in system.rows if not rows.domains.volumetric]  # type: ignore[attr-defined]
+    rotations = [rows.rotation for rows in elastic_part(system).rows if not rows.domains.volumetric]  # type: ignore[attr-defined]
     return rigid_modes(system.pattern, system.positions, system.free, jnp.concatenate(rotations, axis=-1))
 
 

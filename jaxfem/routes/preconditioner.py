@@ -83,13 +83,18 @@ def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Ar
     Rows shared by clusters are left out of both and brought in by `with_clusters`.
     """
     blocks = inverse_blocks(matrix.diagonal_blocks)
+    coarse = coarse_correction(modes, inverse)
+    return lambda residual: jnp.einsum("nij,nj->ni", blocks, residual) + coarse(residual)
+
+
+def coarse_correction(modes: Array, inverse: Array) -> Callable[[Array], Array]:
+    """r -> Z (Z'SZ)^-1 Z' r on fields in solver order (N, 3)."""
     groups = modes.shape[0]
 
     def apply(residual: Array) -> Array:
         restricted = jnp.einsum("gal,ga->gl", modes, residual.reshape(groups, -1))
         coarse = (inverse @ restricted.reshape(-1)).reshape(groups, 6)
-        smooth = jnp.einsum("nij,nj->ni", blocks, residual)
-        return smooth + jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
+        return jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
 
     precondition: Callable[[Array], Array] = apply
     for factor in matrix.factors:

@@ -10,7 +10,7 @@ from jaxfem.model import Model, Params, Pattern, State, domain_materials, nodal_
 from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
-from jaxfem.rows.elastic import elastic_rows
+from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage
 
 Array = jax.Array
@@ -63,6 +63,17 @@ def step_system(
         positions=jax.lax.stop_gradient(stage.base),
         coarse=coarse,
     )
+
+
+def extra_rows(system: System) -> tuple[Rows, ...]:
+    """The rows that are not elastic: contacts, limits, motors, joints."""
+    return tuple(rows for rows in system.rows if not isinstance(rows, ElasticRows))
+
+
+def elastic_part(system: System) -> System:
+    """The same step without its extra rows."""
+    rows = tuple(each for each in system.rows if isinstance(each, ElasticRows))
+    return system.replace(rows=rows)  # type: ignore[attr-defined]
 
 
 def merged(system: System, unknown: Array) -> Array:

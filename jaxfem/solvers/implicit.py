@@ -57,35 +57,35 @@ def _implicit_jvp(condition: Condition, primals: tuple, tangents: tuple) -> tupl
     return (unknown, info), (-_hessian_solve(condition, inputs, unknown, right), jax.tree.map(_zero_tangent, info))
 
 
-def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[Array, Any]:
-    """The same as `implicit_solution` for a condition that is piecewise linear in the unknown.
+def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[Any, Any]:
+    """The same as `implicit_solution` for a condition that is piecewise linear in the unknown, an array or a pytree.
 
     At the solution x* found, x = x* - H^-1 (g(inputs, x*) - [the same, held fixed]) has the value x* and, as g is
     linear in x around it, every derivative of the implicit function. The only primitive in it is a linear solve, so it
     can be nested in scans in any mode, reverse over reverse included, where JAX drops custom rules.
     """
     found, info = jax.lax.stop_gradient(condition.solve(*jax.lax.stop_gradient((inputs, guess))))
-    found = checkpoint_name(found, SOLUTION)
+    found = jax.tree.map(lambda leaf: checkpoint_name(leaf, SOLUTION), found)
     residual = condition.gradient(inputs, found)
-    change = residual - jax.lax.stop_gradient(residual)
-    return found - _hessian_solve(condition, inputs, found, change), info
+    change = jax.tree.map(lambda leaf: leaf - jax.lax.stop_gradient(leaf), residual)
+    return jax.tree.map(jnp.subtract, found, _hessian_solve(condition, inputs, found, change)), info
 
 
-def _hessian_solve(condition: Condition, inputs: Any, unknown: Array, right: Array) -> Array:
+def _hessian_solve(condition: Condition, inputs: Any, unknown: Any, right: Any) -> Any:
     """H^-1 right, with H the derivative of the gradient in the unknown; a primitive that JAX can differentiate."""
 
-    def hessian(direction: Array) -> Array:
+    def hessian(direction: Any) -> Any:
         return jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (direction,))[1]
 
-    def solve(matvec: Callable[[Array], Array], vector: Array) -> Array:
+    def solve(matvec: Callable[[Any], Any], vector: Any) -> Any:
         return condition.tangent_solve(*jax.lax.stop_gradient((inputs, unknown)), vector, matvec)
 
     return jax.lax.custom_linear_solve(hessian, right, solve, transpose_solve=solve, symmetric=condition.symmetric)
 
 
-def or_nan(solution: Array, info: Any) -> Array:
+def or_nan(solution: Any, info: Any) -> Any:
     """A derivative whose linear solve failed is NaN, never a plausible number."""
-    return jnp.where(info.status == int(Status.CONVERGED), solution, jnp.nan)
+    return jax.tree.map(lambda leaf: jnp.where(info.status == int(Status.CONVERGED), leaf, jnp.nan), solution)
 
 
 def _zero_tangent(value: Array) -> Any:

@@ -1,0 +1,223 @@
+"""Semismooth Newton for a large quadratic and some bounded rows, which may be as stiff as they like.
+
+The rows' penalty form, a piecewise quadratic, is minimised by Newton steps on its active set with an exact line search.
+Alone, that breaks down for rows of tiny compliance: their penalty is ill-conditioned, and the search stops at the first
+row that it meets. So a row is given at least a share of its nodes' own compliance, and the method of multipliers (a
+proximal point method on the dual, Rockafellar 1976) takes the difference back: the centre moves to the impulses found.
+Both converge from anywhere. The share starts at one, where many rows change in one step, and falls as they settle.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree
+from jaxfem.solvers import trees
+from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo, Status
+
+Array = jax.Array
+Blocks = tuple[Array, ...]
+Operator = Callable[[Array], Array]
+
+SHARPER, SHARPEST = 0.1, 1e-3
+"""Factor by which the share of compliance falls each time that the active set has settled, and where it ends."""
+FORCING = 0.1
+"""Relative residual of a Newton step's linear solve."""
+SEARCHES = 12
+"""Newton steps of the line search: it ends exactly once it is on the right piece."""
+MOST_TRIPS = 200
+
+
+class RowOperator(Protocol):
+    """J of one kind of rows."""
+
+    def apply(self, velocities: Array) -> Array:
+        """J x."""
+
+    def apply_transpose(self, impulses: Array) -> Array:
+        """J' lam."""
+
+
+@pytree
+class RowTerms:
+    """What goes with J, an entry a kind of rows: `slack` c - J x at the start, `compliance` C, bounds `lower` and
+    `upper` (None: unbounded), `start` impulses, `local` compliance of the rows' own nodes, diag(J D^-1 J') with D the
+    quadratic's diagonal blocks, `active`: masks (None: all) outside of which rows are left out."""
+
+    slack: Blocks
+    compliance: Blocks
+    lower: tuple[Array | None, ...]
+    upper: tuple[Array | None, ...]
+    start: Blocks
+    local: Blocks
+    active: tuple[Array | None, ...]
+
+    def softened(self, share: Array) -> Blocks:
+        """Compliance of at least `share` of the nodes' own."""
+        soft = (jnp.maximum(c, share * w) for c, w in zip(self.compliance, self.local, strict=True))
+        return tuple(jnp.where(q > 0, q, 1) for q in soft)
+
+    def raw(self, slack: Blocks, centre: Blocks, soft: Blocks) -> Blocks:
+        """Impulses without bounds, (slack + (soft - C) centre) / soft."""
+        rows = zip(slack, centre, soft, self.compliance, strict=True)
+        return tuple((s + (q - c) * z) / q for s, z, q, c in rows)
+
+    def bounded(self, raw: Blocks) -> Blocks:
+        """The nearest impulses within the bounds; zero for rows left out."""
+        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
+        clipped = ((r if low is None else jnp.clip(r, low, up), on) for r, low, up, on in rows)
+        return tuple(r if on is None else jnp.where(on, r, 0) for r, on in clipped)
+
+    def free(self, raw: Blocks) -> Blocks:
+        """Masks of the rows strictly within their bounds."""
+        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
+        inside = ((jnp.ones(r.shape, bool) if low is None else (low < r) & (r < up), on) for r, low, up, on in rows)
+        return tuple(mask if on is None else mask & on for mask, on in inside)
+
+    def violation(self, slack: Blocks, impulses: Blocks) -> Blocks:
+        """By how much impulses are off, each row taken alone: lam - clip(lam + (slack - C lam) / (local + C))."""
+        rows = zip(impulses, slack, self.compliance, self.local, strict=True)
+        wished = tuple(z + (s - c * z) / (w + c) for z, s, c, w in rows)
+        return trees.minus(impulses, self.bounded(wished))
+
+
+@pytree
+class _State:
+    step: Array
+    gradient: Array
+    slack: Blocks
+    centre: Blocks
+    share: Array
+    free: Blocks
+    iteration: Array
+    trips: Array
+    residual: Array
+    status: Array
+
+
+def minimize_with_rows(
+    matvec: Operator,
+    gradient: Array,
+    rows: Sequence[RowOperator],
+    terms: RowTerms,
+    preconditioner: Callable[[Blocks], Operator],
+    *,
+    tol: Any,
+    max_iterations: Any,
+    absolute: Any = 0.0,
+) -> tuple[Array, Blocks, SolveInfo]:
+    """Find the step d and impulses lam with  gradient + S d = J' lam  and  slack - J d - C lam  complementary to
+    lower <= lam <= upper:  (d, lam, info).
+
+    matvec: d -> S d, S symmetric positive definite.  preconditioner: stiffness of the rows in play (zero for others)
+    -> an SPD approximation of (S + J' stiffness J)^-1.
+    Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
+    max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
+    conjugate gradients, as info.iterations does. No derivative rule. vmap-safe: a lane that has arrived stays as it is.
+    """
+    none = trees.zeros(terms.start)
+    scale = jnp.sqrt(trees.dot(gradient, gradient) + _size(rows, terms.violation(terms.slack, none)) ** 2)
+    target = jnp.maximum(tol * scale, absolute)
+    one = jnp.ones((), gradient.dtype)
+    counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
+    start = terms.bounded(terms.start)
+    first = _State(0 * gradient, gradient, terms.slack, start, one, terms.free(start), *counts)
+
+    def running(s: _State) -> Array:
+        return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
+
+    def trip(s: _State) -> _State:
+        s, soft, impulses, free = _settle(rows, terms, target, s)
+        stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
+
+        def hessian(x: Array) -> Array:
+            moved = tuple(k * each.apply(x) for k, each in zip(stiffness, rows, strict=True))
+            return matvec(x) + _push(rows, moved)
+
+        going = s.status == Status.ITERATION_LIMIT
+        right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
+        limit = max_iterations - s.iteration
+        precondition = preconditioner(stiffness)
+        step, info = pcg(hessian, right, precondition, tol=FORCING, max_iterations=limit, absolute=0.7 * target)
+        change, along = matvec(step), tuple(each.apply(step) for each in rows)
+        length = jnp.where(going, _exact_length(terms, soft, s, step, change, along), 0)
+        moved = s.replace(  # type: ignore[attr-defined]
+            step=s.step + length * step,
+            gradient=s.gradient + length * change,
+            slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
+            iteration=s.iteration + info.iterations,
+            trips=s.trips + 1,
+            status=jnp.where(going, info.status, s.status),
+        )
+        # A solve that converged has only made a step; one that did not ends the loop with its status.
+        again = going & (info.status == Status.CONVERGED)
+        return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
+
+    last = jax.lax.while_loop(running, trip, first)
+    impulses = terms.bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
+    relative = last.residual / jnp.where(scale > 0, scale, 1)
+    return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
+
+
+def _settle(
+    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: _State
+) -> tuple[_State, Blocks, Blocks, Blocks]:
+    """Judge the point reached, and move the centre where the rows are what is left to do.
+
+    Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
+    """
+    soft = terms.softened(s.share)
+    raw = terms.raw(s.slack, s.centre, soft)
+    impulses, free = terms.bounded(raw), terms.free(raw)
+    near = trees.norm(s.gradient - _push(rows, impulses))
+    far = _size(rows, terms.violation(s.slack, impulses))
+    residual = jnp.sqrt(near**2 + far**2)
+    done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
+    moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
+    same = jnp.stack([jnp.all(a == b) for a, b in zip(free, s.free, strict=True)]).all()
+    share = jnp.where(moving & same, jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
+    centre = trees.where(moving, impulses, s.centre)
+    settled = s.replace(centre=centre, share=share, residual=residual, status=status)  # type: ignore[attr-defined]
+    soft = terms.softened(share)
+    raw = terms.raw(s.slack, centre, soft)
+    return settled.replace(free=terms.free(raw)), soft, terms.bounded(raw), terms.free(raw)
+
+
+def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change: Array, along: Blocks) -> Array:
+    """The minimiser t of the penalty form along `step`: the root of a rising piecewise linear function.
+
+    slope(t) = step' (gradient + t S step) - (J step)' lam(t); Newton's method on it, within a bracket.
+    """
+    if all(low is None for low in terms.lower):
+        return jnp.ones((), step.dtype)
+    constant, curvature = trees.dot(step, s.gradient), trees.dot(step, change)
+
+    def slope(t: Array) -> tuple[Array, Array]:
+        raw = terms.raw(tuple(a - t * b for a, b in zip(s.slack, along, strict=True)), s.centre, soft)
+        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.free(raw), along, soft, strict=True))
+        value = constant + t * curvature - trees.dot(along, terms.bounded(raw))
+        return value, curvature + trees.dot(along, stiff)
+
+    def refine(_: int, bracket: tuple[Array, Array, Array]) -> tuple[Array, Array, Array]:
+        t, low, high = bracket
+        value, rate = slope(t)
+        low, high = jnp.where(value < 0, t, low), jnp.where(value < 0, high, t)
+        newton = t - value / jnp.where(rate > 0, rate, 1)
+        middle = jnp.where(jnp.isfinite(high), 0.5 * (low + high), newton)
+        return jnp.where((newton >= low) & (newton <= high), newton, middle), low, high
+
+    one = jnp.ones((), step.dtype)
+    return jax.lax.fori_loop(0, SEARCHES, refine, (one, 0 * one, jnp.inf * one))[0]
+
+
+def _push(rows: Sequence[RowOperator], impulses: Blocks) -> Array:
+    parts = [each.apply_transpose(z) for each, z in zip(rows, impulses, strict=True)]
+    return sum(parts[1:], start=parts[0])
+
+
+def _size(rows: Sequence[RowOperator], impulses: Blocks) -> Array:
+    return trees.norm(_push(rows, impulses))
