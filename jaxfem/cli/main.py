@@ -13,13 +13,13 @@ from typing import Any
 
 import jaxfem
 from jaxfem.bodies.material import MaterialError
-from jaxfem.cli import demo, fit, mesh_info, simulate
+from jaxfem.cli import bench, demo, fit, mesh_info, simulate
 from jaxfem.cli.messages import error, warning
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.mesh import MeshError
 
-COMMANDS: tuple[Any, ...] = (simulate, fit, demo, mesh_info)
+COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info)
 USER_ERRORS = (
     SceneFileError,
     jaxfem.SceneError,

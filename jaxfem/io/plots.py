@@ -52,6 +52,23 @@ def plot_series(
     return _save(figure, path)
 
 
+def plot_work(path: Any, lines: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Path:
+    """Error (relative) against time a step [ms] on logarithmic axes, a line a name; returns the path."""
+    figure = _figure(7.6, 4.4)
+    axes = figure.add_subplot()
+    for number, (name, (times, errors)) in enumerate(lines.items()):
+        colour, style = COLOURS[number // 2 % len(COLOURS)], "-" if number % 2 else "--"
+        axes.loglog(times, errors, marker="o", markersize=4, color=colour, linestyle=style, label=name)
+    axes.set_xlabel("time a step (ms)")
+    axes.set_ylabel("error of places, relative to the motion")
+    axes.grid(True, color="0.9")
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    axes.legend(frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+    return _save(figure, path)
+
+
 def plot_shapes(path: Any, surface: Any, shapes: Mapping[str, Any], rest: Any = None) -> Path:
     """Surface triangles (k, 3) in several `shapes` (title -> node positions (n, 3) [m]) beside each other.
 
