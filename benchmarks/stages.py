@@ -47,15 +47,19 @@ def stages(model, params, state):
     def rows(m, x):
         return step_system(m, params, state.replace(positions=x), jnp.asarray(DT, x.dtype)).rows[0].bias
 
+    def turned(s, x):
+        first = s.rows[0].replace(rotation=s.rows[0].rotation + 1e-30 * x[0, 0])
+        return s.replace(rows=(first, *s.rows[1:]))
+
     def assembly(s, x):
-        return condensed_matrix(s.replace(mass=s.mass + 1e-30 * x[0, 0])).blocks
+        return condensed_matrix(turned(s, x)).blocks
 
     return {
         "rotation": (rotation, model, state.positions),
         "rotation_and_strain": (rows, model, state.positions),
         "residual": (lambda s, x: momentum_gradient(s, x), system, state.velocities),
         "assembly": (assembly, system, state.velocities),
-        "coarse_matrix_and_inverse": (lambda s, x: coarse_of(s.replace(mass=s.mass + 1e-30 * x[0, 0])), system, padded),
+        "coarse_matrix_and_inverse": (lambda s, x: coarse_of(turned(s, x)), system, padded),
         "product": (lambda a, x: a.apply(x), matrix, padded),
         "preconditioner": (lambda a, x: two_level(*a)(x), (matrix, modes, system.coarse), padded),
     }

@@ -84,7 +84,14 @@ def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Ar
     """
     blocks = inverse_blocks(matrix.diagonal_blocks)
     coarse = coarse_correction(modes, inverse)
-    return lambda residual: jnp.einsum("nij,nj->ni", blocks, residual) + coarse(residual)
+
+    def apply(residual: Array) -> Array:
+        return jnp.einsum("nij,nj->ni", blocks, residual) + coarse(residual)
+
+    precondition: Callable[[Array], Array] = apply
+    for factor in matrix.factors:
+        precondition = with_clusters(precondition, factor, blocks, modes, inverse)
+    return precondition
 
 
 def coarse_correction(modes: Array, inverse: Array) -> Callable[[Array], Array]:
@@ -96,7 +103,4 @@ def coarse_correction(modes: Array, inverse: Array) -> Callable[[Array], Array]:
         coarse = (inverse @ restricted.reshape(-1)).reshape(groups, 6)
         return jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
 
-    precondition: Callable[[Array], Array] = apply
-    for factor in matrix.factors:
-        precondition = with_clusters(precondition, factor, blocks, modes, inverse)
-    return precondition
+    return apply
