@@ -42,7 +42,7 @@ def advice(
 
 def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
     poisson = float(jnp.max(params.poisson))
-    if poisson <= 0.45 or getattr(model, "strain", "element") != "element":
+    if poisson <= 0.45 or not any(each.part == "full" for each in model.domains):
         return []
     held = "fitted" if "poisson" in unknowns.names else "held"
     return [
