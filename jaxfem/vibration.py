@@ -31,9 +31,7 @@ class _Inputs:
     positions: Array
 
 
-def modes(
-    model: Model, params: Params, state: State, count: int = 6, mass: MassKind = "lumped"
-) -> tuple[Array, Array]:
+def modes(model: Model, params: Params, state: State, count: int = 6, mass: MassKind = "lumped") -> tuple[Array, Array]:
     """The `count` lowest natural frequencies (count,) [rad/s], ascending, and shapes (count, n, 3) [kg^-1/2].
 
     Small vibrations about `state.positions`, prestress included, fixed and driven nodes at rest, damping left out.

@@ -46,15 +46,18 @@ def lowest_eigenpairs(
 
     The operators take blocks (k, d). `precondition`: roughly (K + shift M)^-1, symmetric positive definite; K itself
     may be singular or indefinite. A pair is good when its residual r has (r'Tr)^1/2 <= tol (|lambda| + shift)^1/2, T
-    the preconditioner: about the error of the vector, whose square is that of the value. `largest`, an estimate of
-    the largest eigenvalue, says where only rounding is left. The m - count further vectors make it fast and keep
+    the preconditioner: about the error of the vector, whose square is that of the value. Below what rounding makes of
+    it, told from the `largest` eigenvalue (an estimate), it counts as 0. The m - count further vectors make it fast and keep
     repeated values together. Batched with vmap; no derivative rule.
     """
     shape = start.shape
 
-    def spread(x: Array) -> Array:
-        # K x carries rounding of eps K |x|, rough, which T weighs like 1/largest.
-        return 4 * jnp.finfo(start.dtype).eps * jnp.sqrt(largest / x)
+    def rounding(size: Array) -> Array:
+        # K x is off by about eps largest |x|, evenly over all vectors: T weighs rough ones by 1 / largest, and the
+        # few softest, a share 1 / d, by 1 / their size. Past 0.05 even the value is no longer worth much.
+        softest = jnp.min(size)
+        noise = 4 * jnp.sqrt(largest / size) + 8 * largest / jnp.sqrt(size * softest * start.shape[1])
+        return jnp.minimum(jnp.finfo(start.dtype).eps * noise, 0.05)
 
     def measured(x: Array, kx: Array, mx: Array) -> tuple[Array, Array, Array]:
         values = jnp.sum(x * kx, axis=1)
@@ -64,7 +67,7 @@ def lowest_eigenpairs(
         errors = jnp.sqrt(jnp.abs(jnp.sum(residual * corrections, axis=1)) / size)
         # A vector that vanished (more asked for than there are) is no mode.
         lost = jnp.sum(x * mx, axis=1) < 0.5
-        return values, jnp.where(lost, jnp.inf, jnp.maximum(errors - spread(size), 0)), corrections
+        return values, jnp.where(lost, jnp.inf, jnp.maximum(errors - rounding(size), 0)), corrections
 
     def running(s: _State) -> Array:
         missing = jnp.any(s.errors[:count] > tol)
