@@ -6,13 +6,10 @@ cells of 12 tetrahedra (--quick: 20x1x1). Error: distance of the tip from its pl
 A beam of finite thickness also shears: at 20:1 that moves the tip by 0.2 %.
 """
 
-import argparse
-import json
-import pathlib
-
 import jax
 import numpy as np
 from machine import describe, median_time
+from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
 
@@ -69,17 +66,11 @@ def measure(strain, cells, repeats):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="a coarser mesh, one repeat")
-    parser.add_argument("--out", type=pathlib.Path, help="folder for elastica.json")
-    arguments = parser.parse_args()
-    cells, repeats = ((20, 1, 1), 1) if arguments.quick else ((40, 2, 2), 5)
+    options = arguments(__doc__)
+    cells, repeats = ((20, 1, 1), 1) if options.quick else ((40, 2, 2), 5)
     figures = {"machine": describe(), "cells": cells, "tets_per_cell": 12}
     figures |= {strain: measure(strain, cells, repeats) for strain in STRAINS}
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "elastica.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
+    finish("elastica", figures, options.out)
 
 
 if __name__ == "__main__":

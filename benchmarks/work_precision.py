@@ -8,16 +8,14 @@ of 6 and 12 tetrahedra a cell, both precisions. `plain_over_smoothed`: time of p
 extrapolation of its two finest points on the front, and `plain_finest_over_smoothed` is what was measured at least.
 """
 
-import argparse
 import csv
-import json
 import math
-import pathlib
 import warnings
 
 import jax
 import numpy as np
 from machine import describe, median_time
+from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
 
@@ -84,6 +82,11 @@ def time_at(points, target):
     return t1 * math.exp(slope * math.log(target / e1)), inside
 
 
+def select(rows, strain, precision):
+    """The rows of one kind and precision."""
+    return [r for r in rows if (r["strain"], r["precision"]) == (strain, precision)]
+
+
 def compare(rows):
     """Times at the target error for each strain, precision and kind of solve, and the ratio asked for."""
     found = {}
@@ -104,17 +107,17 @@ def compare(rows):
 
 def plot(rows, machine, path):
     """Error against time, one panel for statics and one for a step."""
-    import matplotlib
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    matplotlib.use("Agg")
-    from matplotlib import pyplot as plt
-
-    figure, axes = plt.subplots(1, 2, figsize=(11, 4.5), sharey=True, layout="constrained")
+    figure = Figure(figsize=(11, 4.5), dpi=130, layout="constrained")
+    FigureCanvasAgg(figure)
+    axes = figure.subplots(1, 2, sharey=True)
     colours = dict(zip(STRAINS, ("tab:red", "tab:orange", "tab:blue"), strict=True))
     for axis, what, title in zip(axes, ("static_ms", "step_ms"), ("static solve", "time step, 10 ms"), strict=True):
         for strain in STRAINS:
             for precision, line, marker in (("float32", ":", "o"), ("float64", "-", "s")):
-                own = [r for r in rows if (r["strain"], r["precision"]) == (strain, precision)]
+                own = select(rows, strain, precision)
                 if not own:
                     continue
                 points = front(own, what)
@@ -127,28 +130,24 @@ def plot(rows, machine, path):
     axes[0].set_ylabel(f"error of the sag, nu = {POISSON}")
     axes[1].legend(fontsize=8)
     figure.suptitle(machine, fontsize=8)
-    figure.savefig(path, dpi=130)
+    figure.savefig(path)
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="two meshes, double precision, one repeat")
-    parser.add_argument("--out", type=pathlib.Path, help="folder for work_precision.json, .csv and .png")
-    arguments = parser.parse_args()
+    options = arguments(__doc__)
     warnings.simplefilter("ignore", jf.AccuracyWarning)
-    meshes, precisions, repeats = (MESHES[1:4:2], ["float64"], 1) if arguments.quick else (MESHES, TOLERANCES, 5)
+    meshes, precisions, repeats = (MESHES[1:4:2], ["float64"], 1) if options.quick else (MESHES, TOLERANCES, 5)
     rows = [measure(s, c, t, p, repeats) for p in precisions for c, t in meshes for s in STRAINS]
     machine = describe()
     figures = {"machine": machine, "at_2_percent": compare(rows), "rows": rows}
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "work_precision.json").write_text(json.dumps(figures, indent=2) + "\n")
-        with (arguments.out / "work_precision.csv").open("w", newline="") as file:
+    if options.out:
+        options.out.mkdir(parents=True, exist_ok=True)
+        with (options.out / "work_precision.csv").open("w", newline="") as file:
             table = csv.DictWriter(file, rows[0].keys())
             table.writeheader()
             table.writerows(rows)
-        plot(rows, machine, arguments.out / "work_precision.png")
-    print(json.dumps(figures))
+        plot(rows, machine, options.out / "work_precision.png")
+    finish("work_precision", figures, options.out)
 
 
 if __name__ == "__main__":

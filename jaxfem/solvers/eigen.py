@@ -47,8 +47,8 @@ def lowest_eigenpairs(
     The operators take blocks (k, d). `precondition`: roughly (K + shift M)^-1, symmetric positive definite; K itself
     may be singular or indefinite. A pair is good when its residual r has (r'Tr)^1/2 <= tol (|lambda| + shift)^1/2, T
     the preconditioner: about the error of the vector, whose square is that of the value. Below what rounding makes of
-    it, told from the `largest` eigenvalue (an estimate), it counts as 0. The m - count further vectors make it fast and keep
-    repeated values together. Batched with vmap; no derivative rule.
+    it, told from the `largest` eigenvalue (an estimate), it counts as 0. The m - count further vectors make it fast
+    and keep repeated values together. Batched with vmap; no derivative rule.
     """
     shape = start.shape
 
