@@ -85,3 +85,18 @@ def test_smoothed_block_does_not_lock(tets, limit):
         found = host.linear_statics(model, own, np.zeros_like(held), held)
         reaction = (host.stiffness(model, own) @ found.ravel()).reshape(-1, 3)[low, 2].sum()
         assert abs(abs(reaction) / expected - 1) < allowed
+
+
+def test_smoothed_elastica():
+    """A 20:1 beam bent by a load at its tip, P L^2/EI = 10; the other cases are in benchmarks/elastica.py."""
+    thickness = 0.05
+    mesh = jf.mesh.box((1.0, thickness, thickness), (40, 2, 2), tets_per_cell=12)
+    load = jf.Traction("x+", (0.0, 0.0, -10 / thickness**2))
+    body = jf.SoftBody(mesh, 12 / thickness**4, 0.3, 1.0, fixed="x-", loads=[load], strain="smoothed")
+    model, params, state = jf.build(jf.Scene([body], gravity=(0.0, 0.0, 0.0)))
+    rest, info = jf.equilibrium(model, params, state)
+    assert info.status == 0 and info.inverted == 0
+    tip = np.asarray(rest.positions)[mesh.points[:, 0] > 1 - 1e-9].mean(0)
+    wanted = np.array([0.4450044 - 1, thickness / 2, thickness / 2 - 0.8106090])
+    found = tip - np.array([1, 0, 0])
+    assert np.linalg.norm(found - wanted) < 0.015 * np.linalg.norm(wanted)
