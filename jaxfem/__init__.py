@@ -11,6 +11,7 @@ from jaxfem.motion import Motion
 from jaxfem.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.statics import equilibrium
 from jaxfem.stepping import StepError, prepare, rollout, step
+from jaxfem.vibration import modes
 
 __all__ = [
     "AccuracyWarning",
@@ -38,6 +39,7 @@ __all__ = [
     "equilibrium",
     "fit",
     "mesh",
+    "modes",
     "prepare",
     "read_recording",
     "rollout",

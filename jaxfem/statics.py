@@ -11,9 +11,8 @@ from jaxfem.bodies.material import eigenstiffness
 from jaxfem.loads import FacePressure
 from jaxfem.model import Model, Params, State, StepInfo, elementwise
 from jaxfem.pytrees import pytree
-from jaxfem.routes.assembly import BlockMatrix, assemble_tangent
-from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import external_force
+from jaxfem.routes.tangent import tangent_and_preconditioner
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
@@ -126,16 +125,9 @@ def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]
     model, pattern = inputs.model, inputs.model.pattern
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)
     pad = jnp.where(model.free > 0, 0.0, _typical_stiffness(inputs)).astype(positions.dtype)
-
-    def matrix(exact: bool) -> BlockMatrix:
-        return assemble_tangent(
-            model.domains, positions, rotations, *_material(inputs), pad, model.free, pattern, exact
-        )
+    exact, precondition = tangent_and_preconditioner(model, inputs.params, positions, rotations, pad)
 
     def outside(operator: Operator) -> Operator:
         return lambda vector: pattern.scattered(operator(pattern.gathered(vector)))
 
-    exact, warped = matrix(True), matrix(False)
-    turning = [r for r, each in zip(rotations, model.domains, strict=True) if not each.volumetric]
-    modes = rigid_modes(pattern, positions, model.free, jnp.concatenate(turning, axis=-1))
-    return outside(exact.apply), outside(two_level(warped, modes, coarse_inverse(warped, modes)))
+    return outside(exact.apply), outside(precondition)

@@ -19,7 +19,7 @@ LAYERS = [
     ["loads", "model", "rows"],
     ["routes", "scene", "energies"],
     ["building", "stepping"],
-    ["statics"],
+    ["statics", "vibration"],
     ["fitting"],
     ["io"],
     ["cli"],

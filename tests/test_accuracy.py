@@ -1,0 +1,102 @@
+"""How near the kinds of strain rows come: convergence order, locking, large rotations, no soft modes of the mesh."""
+
+import host
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxfem as jf
+from jaxfem.model import nodal_mass
+
+STRAINS = ["element", "nodal_volume", "smoothed"]
+
+pytestmark = pytest.mark.filterwarnings("ignore::jaxfem.AccuracyWarning")
+
+
+def exact(x):
+    """A smooth displacement (3,) at x (3,)."""
+    return jnp.stack(
+        [
+            jnp.sin(2 * x[0] + x[1]) * jnp.cos(x[2]),
+            jnp.cos(x[0] - 2 * x[2]) * jnp.sin(1.5 * x[1]),
+            jnp.sin(x[0] + x[1]) * jnp.cos(2 * x[2] + 0.3),
+        ]
+    )
+
+
+def body_force(x, young=1e6, poisson=0.3):
+    """Minus the divergence of the stress that `exact` makes, (3,) [N/m^3]."""
+    lam, mu = young * poisson / (1 + poisson) / (1 - 2 * poisson), young / 2 / (1 + poisson)
+
+    def stress(y):
+        gradient = jax.jacfwd(exact)(y)
+        return lam * jnp.trace(gradient) * jnp.eye(3) + mu * (gradient + gradient.T)
+
+    return -jnp.einsum("ijj->i", jax.jacfwd(stress)(x))
+
+
+def manufactured_error(strain, cells):
+    """L2 norm of the displacement's error in the unit cube, its surface held at the exact values; linear regime."""
+    mesh = jf.mesh.box((1.0, 1.0, 1.0), (cells,) * 3)
+    points = mesh.points
+    surface = ((points < 1e-9) | (points > 1 - 1e-9)).any(1)
+    model, params, _ = jf.build(jf.Scene([jf.SoftBody(mesh, 1e6, 0.3, 1.0, fixed=surface, strain=strain)]))
+    force = np.asarray(jax.vmap(body_force)(points)) * np.asarray(model.nodal_volumes)[:, None]
+    found = host.linear_statics(model, params, force, np.asarray(jax.vmap(exact)(points)))
+    # Four points an element, exact for quadratics.
+    weights = np.full((4, 4), (5 - 5**0.5) / 20) + np.eye(4) * 5**0.5 / 5
+    at, inside = (np.einsum("qa,eai->eqi", weights, field[mesh.cells]) for field in (points, found))
+    error = inside - np.asarray(jax.vmap(jax.vmap(exact))(at))
+    return np.sqrt((np.asarray(model.elements.volumes)[:, None] / 4 * (error**2).sum(-1)).sum())
+
+
+@pytest.mark.parametrize("strain", STRAINS)
+def test_displacements_converge_in_second_order(strain):
+    coarse, fine = (manufactured_error(strain, n) for n in (4, 8))
+    assert abs(np.log2(coarse / fine) - 2) < 0.2
+
+
+LOCKING_FREE = {0.3: 7.056, 0.45: 6.875, 0.499: 6.786}  # mm, Q2/Q1 elements of an outside library
+
+
+@pytest.mark.parametrize(("cells", "limits"), [((10, 3, 3), (0.02, 0.05, 0.09)), ((20, 6, 6), (0.01, 0.015, 0.03))])
+def test_smoothed_beam_sags_as_without_locking(cells, limits):
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12)
+    body = jf.SoftBody(mesh, 263824.0, 0.3, 1070.0, fixed="x-", strain="smoothed")
+    model, params, _ = jf.build(jf.Scene([body]))
+    weight = np.asarray(nodal_mass(model, params.density)[:, None] * jnp.array([0, 0, -9.80709]))
+    tip = mesh.points[:, 0] > 0.1 - 1e-9
+    for (poisson, sag), limit in zip(LOCKING_FREE.items(), limits, strict=True):
+        found = host.linear_statics(model, params.replace(poisson=jnp.asarray(poisson)), weight)
+        assert abs(-1e3 * found[tip, 2].mean() / sag - 1) < limit
+
+
+@pytest.mark.parametrize(("tets", "limit"), [(6, 0.065), (12, 0.03)])
+def test_smoothed_block_does_not_lock(tets, limit):
+    """Bonded block pressed by 5 %: the reaction, against locking-free values from outside."""
+    mesh = jf.mesh.box((1.0, 1.0, 1.0), (8, 8, 8), tets_per_cell=tets)
+    low, high = mesh.points[:, 2] < 1e-9, mesh.points[:, 2] > 1 - 1e-9
+    body = jf.SoftBody(mesh, 1e6, 0.3, 1000.0, fixed=low | high, strain="smoothed")
+    model, params, _ = jf.build(jf.Scene([body]))
+    held = -0.05 * high[:, None] * np.array([0, 0, 1.0])
+    for poisson, expected, allowed in ((0.3, 53195, 0.006), (0.499, 61589, limit)):
+        own = params.replace(poisson=jnp.asarray(poisson))
+        found = host.linear_statics(model, own, np.zeros_like(held), held)
+        reaction = (host.stiffness(model, own) @ found.ravel()).reshape(-1, 3)[low, 2].sum()
+        assert abs(abs(reaction) / expected - 1) < allowed
+
+
+def test_smoothed_elastica():
+    """A 20:1 beam bent by a load at its tip, P L^2/EI = 10; the other cases are in benchmarks/elastica.py."""
+    thickness = 0.05
+    mesh = jf.mesh.box((1.0, thickness, thickness), (40, 2, 2), tets_per_cell=12)
+    load = jf.Traction("x+", (0.0, 0.0, -10 / thickness**2))
+    body = jf.SoftBody(mesh, 12 / thickness**4, 0.3, 1.0, fixed="x-", loads=[load], strain="smoothed")
+    model, params, state = jf.build(jf.Scene([body], gravity=(0.0, 0.0, 0.0)))
+    rest, info = jf.equilibrium(model, params, state)
+    assert info.status == 0 and info.inverted == 0
+    tip = np.asarray(rest.positions)[mesh.points[:, 0] > 1 - 1e-9].mean(0)
+    wanted = np.array([0.4450044 - 1, thickness / 2, thickness / 2 - 0.8106090])
+    found = tip - np.array([1, 0, 0])
+    assert np.linalg.norm(found - wanted) < 0.015 * np.linalg.norm(wanted)
