@@ -34,7 +34,9 @@ def main():
                 alone = model.replace(coarse=jnp.zeros_like(jf.prepare(model, own, state, dt).coarse))
                 plain.append(float(jnp.mean(jf.rollout(alone, own, state, dt, STEPS)[1].iterations)))
         table[f"{dt:.4g}"] = counts
-        print(f"dt {dt:.4g} s: " + "  ".join(f"{e:g} Pa {n:.1f}" for e, n in zip(young, counts, strict=True)), flush=True)
+        print(
+            f"dt {dt:.4g} s: " + "  ".join(f"{e:g} Pa {n:.1f}" for e, n in zip(young, counts, strict=True)), flush=True
+        )
     everything = [n for counts in table.values() for n in counts]
     figures = {"machine": describe(), "young": young, "iterations": table, "block_jacobi_alone_1_60": plain}
     figures["largest_over_smallest"] = max(everything) / min(everything)

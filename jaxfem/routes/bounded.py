@@ -16,7 +16,6 @@ from jaxfem.routes.condensed import condensed_matrix, group_modes
 from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
 from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother
 from jaxfem.routes.system import System, elastic_part, extra_rows, merged, momentum_gradient
-from jaxfem.rows.base import total_impulse
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
