@@ -5,9 +5,6 @@ rest (Benevolensky & Voroshilov 2009, section 3.7). Converged backward Euler on 
 Run it with one core (taskset -c 0, intra_op_parallelism_threads=1) to compare with the figures of other engines.
 """
 
-import argparse
-import json
-import pathlib
 import time
 
 import jax
@@ -15,22 +12,18 @@ import numpy as np
 import scipy.sparse as sparse
 import scipy.sparse.linalg as direct
 from machine import describe, first_time, median_time
+from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
+from scenes import brick  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
 from jaxfem.routes.condensed import condensed_matrix  # noqa: E402
 from jaxfem.routes.system import momentum_gradient, step_system  # noqa: E402
 
 CONVERGED, STEPS, DT = 5.633, 60, 1 / 60
-
-
-def brick(dtype, solver="condensed", tolerance=1e-4):
-    mesh = jf.mesh.box((9.6, 0.2, 0.1), (96, 2, 1), tets_per_cell=12)
-    body = jf.SoftBody(mesh, young=1e9, poisson=0.35, density=2200.0, fixed="x-")
-    return jf.build(jf.Scene([body]), dtype=dtype, solver=solver, tolerance=tolerance, max_iterations=100_000)
 
 
 def tip_sag(model, positions):
@@ -87,11 +80,8 @@ def measure_scipy(repeats):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer repeats, one step of MPRGP")
-    parser.add_argument("--out", type=pathlib.Path, help="folder for brick.json")
-    arguments = parser.parse_args()
-    repeats, mprgp_steps = (2, 1) if arguments.quick else (7, 3)
+    options = arguments(__doc__)
+    repeats, mprgp_steps = (2, 1) if options.quick else (7, 3)
     scipy_ms = measure_scipy(repeats)
     figures = {"machine": describe()}
     for name, dtype in (("float32", jnp.float32), ("float64", jnp.float64)):
@@ -100,10 +90,7 @@ def main():
         figures[name] |= {"mprgp_ms_per_step": mprgp["ms_per_step"], "mprgp_iterations": mprgp["iterations"]}
         figures[name]["scipy_direct_ms"] = scipy_ms
     figures["float64_1e-6"] = measure(jnp.float64, repeats, 1e-6)
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "brick.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
+    finish("brick", figures, options.out)
 
 
 if __name__ == "__main__":

@@ -51,7 +51,7 @@ def run(args: argparse.Namespace) -> int:
 
 def table(rows: list[Row]) -> str:
     """The measurements as text; what is measured once a precision stands in its line at 1e-4."""
-    head = ("scene", "elements", "precision", "tolerance", "iterations", "ms/step", "steps/s", "error")
+    head: tuple[str, ...] = ("scene", "elements", "precision", "tolerance", "iterations", "ms/step", "steps/s", "error")
     head += ("compile s", "memory MB", "gradient/run")
     lines = [head]
     for row in rows:

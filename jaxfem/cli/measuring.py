@@ -5,6 +5,7 @@ import platform
 import statistics
 import time
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -134,7 +135,7 @@ def _timed(scene: Standard, parts: tuple, precision: str, tolerance: float, exac
     )
 
 
-def _costs(scene: Standard, parts: tuple, repeats: int) -> dict[str, float]:
+def _costs(scene: Standard, parts: tuple, repeats: int) -> dict[str, Any]:
     """Seconds to compile a rollout, megabytes it needs beside its arguments, and its gradient's cost in runs."""
     model, params, state = parts
 
@@ -148,7 +149,7 @@ def _costs(scene: Standard, parts: tuple, repeats: int) -> dict[str, float]:
     gradient = jax.jit(jax.value_and_grad(run)).lower(params.young).compile()
     memory = forward.memory_analysis()
     size = getattr(memory, "temp_size_in_bytes", float("nan")) / 1e6
-    times = [_median(lambda call=call: call(params.young), repeats) for call in (forward, gradient)]
+    times = [_median(partial(call, params.young), repeats) for call in (forward, gradient)]
     return {"compile_s": compile_s, "memory_mb": size, "gradient_ratio": times[1] / times[0]}
 
 

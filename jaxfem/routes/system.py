@@ -11,6 +11,7 @@ from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
+from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage
 
 Array = jax.Array
@@ -65,9 +66,9 @@ def step_system(
     )
 
 
-def extra_rows(system: System) -> tuple[Rows, ...]:
+def extra_rows(system: System) -> tuple[PointRows, ...]:
     """The rows that are not elastic: contacts, limits, motors, joints."""
-    return tuple(rows for rows in system.rows if not isinstance(rows, ElasticRows))
+    return tuple(rows for rows in system.rows if isinstance(rows, PointRows))
 
 
 def elastic_part(system: System) -> System:

@@ -74,7 +74,10 @@ class RowTerms:
     def free(self, raw: Blocks) -> Blocks:
         """Masks of the rows strictly within their bounds."""
         rows = zip(raw, self.lower, self.upper, self.active, strict=True)
-        inside = ((jnp.ones(r.shape, bool) if low is None else (low < r) & (r < up), on) for r, low, up, on in rows)
+        inside = (
+            (jnp.ones(r.shape, bool) if low is None or up is None else (low < r) & (r < up), on)
+            for r, low, up, on in rows
+        )
         return tuple(mask if on is None else mask & on for mask, on in inside)
 
     def violation(self, slack: Blocks, impulses: Blocks) -> Blocks:

@@ -31,8 +31,8 @@ def random_scene(seed, model, params, state):
         gravity=jnp.asarray(rng.normal(0, 10, 3), dtype),
     )
     start = state.replace(
-        positions=state.positions + jnp.asarray(strained * rng.normal(size=free.shape[:1] + (3,)) * free, dtype),
-        velocities=jnp.asarray(0.3 * rng.normal(size=free.shape[:1] + (3,)) * free, dtype),
+        positions=state.positions + jnp.asarray(strained * rng.normal(size=(*free.shape[:1], 3)) * free, dtype),
+        velocities=jnp.asarray(0.3 * rng.normal(size=(*free.shape[:1], 3)) * free, dtype),
     )
     rows = (*contacts(rng, model.nodes, dtype), tethers(rng, model.nodes, dtype), motors(rng, model.nodes, dtype))
     return material, start, rows
