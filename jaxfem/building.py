@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxfem.bodies.domains import Domains
 from jaxfem.bodies.elements import Elements, shape_gradients
+from jaxfem.bodies.mass import MASSES
 from jaxfem.bodies.smoothing import STRAINS, build_domains
 from jaxfem.loads import FacePressure, Load, NodalForce, PointForce, Pressure, Traction, WeightedForce
 from jaxfem.mesh import locate
@@ -38,6 +39,7 @@ def build(
     solver: str = "auto",
     scheme: str = "backward_euler",
     rho_inf: float = 0.8,
+    mass: str = "lumped",
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
@@ -45,16 +47,20 @@ def build(
     """Turn a scene into the model, params and initial state that `step` takes.
 
     `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first: with
-    soft bodies in a scene it is the faster on every one measured. `scheme`: "backward_euler"
-    (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0
-    to 1, of the highest frequencies). `dtype`: float32 or float64;
-    JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64 and 1e-5 in float32
-    when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known bias.
+    soft bodies in a scene it is the faster on every one measured. `scheme`: "backward_euler" (first order, damps what
+    moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest
+    frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies), the last
+    two not with "mprgp". `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each
+    step's solve, 1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
+    (AccuracyWarning) of known bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
     _check_choice("solver", solver, SOLVERS)
     _check_choice("scheme", scheme, SCHEMES)
+    _check_choice("mass", mass, MASSES)
+    if mass != "lumped" and solver == "mprgp":
+        raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
     if not 0 <= rho_inf <= 1:
         raise SceneError(f"rho_inf is {rho_inf}; it is the share of the highest frequencies left by a step, 0 to 1")
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
@@ -64,7 +70,7 @@ def build(
         _check_body(body, name)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf)
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass)
     params = _params(scene, bodies, dtype)
     velocities = np.concatenate([np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies])
     impulses = _no_impulses(model) if model.solver == "mprgp" else None
@@ -72,7 +78,7 @@ def build(
     return model, params, state
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf) -> Model:
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass) -> Model:
     points = np.concatenate([b.mesh.points for b in bodies])
     cells = np.concatenate([b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)])
     gradients, volumes = shape_gradients(points, cells)
@@ -102,7 +108,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
         node_body=jnp.asarray(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
-        pattern=sparsity(points, domains, groups, dtype),
+        pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells),
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
@@ -113,6 +119,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         solver="condensed" if solver == "auto" else solver,
         scheme=scheme,
         rotation=bodies[0].rotation,  # type: ignore[arg-type]
+        mass=mass,
         bodies=tuple(names),
     )
 

@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_energy
-from jaxfem.model import Model, Params, State, elementwise, nodal_mass
+from jaxfem.model import Model, Params, State, elementwise, mass_coupling, nodal_mass
 from jaxfem.pytrees import pytree
 
 Array = jax.Array
@@ -23,8 +23,11 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J]."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
+    coupling = mass_coupling(model, params.density)
+    momentum = mass[:, None] * state.velocities
+    momentum = momentum if coupling is None else momentum + coupling.apply(state.velocities)
     return Energies(
-        kinetic=0.5 * jnp.sum(mass[:, None] * state.velocities**2),
+        kinetic=0.5 * jnp.vdot(state.velocities, momentum),
         elastic=total_elastic_energy(model, params, state.positions),
         gravity=-jnp.sum(weight * (state.positions - model.rest)),
     )
@@ -33,5 +36,4 @@ def energies(model: Model, params: Params, state: State) -> Energies:
 def total_elastic_energy(model: Model, params: Params, positions: Array) -> Array:
     """Elastic energy of all bodies at `positions` (n, 3) [J]."""
     young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
-    parts = [jnp.sum(elastic_energy(each, positions, young, poisson, model.rotation)) for each in model.domains]
-    return sum(parts[1:], start=parts[0])
+    return elastic_energy(model.domains, positions, young, poisson, model.rotation)

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.bodies.domains import Domains, domain_damping, domain_stiffness
 from jaxfem.bodies.elements import Elements, RotationKind
+from jaxfem.bodies.mass import MassCoupling, MassKind, consistent_share
 from jaxfem.pytrees import pytree, static
 
 Array = jax.Array
@@ -57,7 +58,8 @@ class Pattern:
     cluster and a node in which each node occurs, Q on padding.
     `order` (N,): the user's number of each node; `place` (n,): the solver's number; `real` (N,): 0 where a row is
     padding. `frames` (groups,): a domain whose rotation stands for its group's, counted through all that are not
-    volumetric. `pair_count`: P.
+    volumetric. `corner_pairs` (6, E): the pairs of each element's corners, where masses are not lumped.
+    `pair_count`: P.
     """
 
     neighbours: Array
@@ -70,6 +72,7 @@ class Pattern:
     real: Array
     frames: Array
     touching: tuple[Array, ...]
+    corner_pairs: Array | None
     pair_count: int = static()
 
     def gathered(self, field: Array) -> Array:
@@ -108,6 +111,7 @@ class Model:
     solver: str = static()
     scheme: str = static()
     rotation: RotationKind = static()
+    mass: MassKind = static()
     bodies: tuple[str, ...] = static()
     coarse: Any = None
 
@@ -167,3 +171,11 @@ def nodal_mass(model: Model, density: Array) -> Array:
         return density[model.node_body] * model.nodal_volumes
     quarter = density * elements.volumes / 4
     return jnp.zeros_like(model.nodal_volumes).at[elements.cells].add(quarter[:, None])
+
+
+def mass_coupling(model: Model, density: Array) -> MassCoupling | None:
+    """What the model's mass matrix has beside the lumped masses; None where it has nothing."""
+    if model.mass == "lumped" or model.pattern.corner_pairs is None:
+        return None
+    element_mass = consistent_share(model.mass) * per_element(model, density) * model.elements.volumes
+    return MassCoupling(element_mass, model.elements.cells, model.pattern.corner_pairs)

@@ -93,15 +93,13 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     model = inputs.model
     free = model.free[:, None] > 0
     positions = jnp.where(free, unknown, inputs.held)
-    parts = [elastic_response(each, positions, *_material(inputs)) for each in model.domains]
-    force = sum((part[1] for part in parts[1:]), start=parts[0][1])
-    energy = sum((jnp.sum(part[0]) for part in parts[1:]), start=jnp.sum(parts[0][0]))
+    energy, force, turns = elastic_response(model.domains, positions, *_material(inputs))
     load = external_force(model, inputs.params, positions, inputs.forces)
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
     scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
     noise = jax.lax.stop_gradient(_rounding(inputs, positions))
-    rotations = tuple(array_of(part[2]) for part in parts)
+    rotations = tuple(array_of(turn) for turn in turns)
     return Evaluation(energy, gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotations)
 
 

@@ -8,12 +8,13 @@ import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
-from jaxfem.model import Model, Params, State, StepInfo, domain_materials, nodal_mass
+from jaxfem.model import Model, Params, State, StepInfo, domain_materials, mass_coupling, nodal_mass
 from jaxfem.routes.condensed import coarse_of
 from jaxfem.routes.solution import solve_system
 from jaxfem.routes.system import external_force, step_system
 from jaxfem.schemes import alpha_advance
-from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.implicit import SOLUTION, or_nan
+from jaxfem.solvers.pcg import pcg
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -89,11 +90,25 @@ def _begun(model: Model, params: Params, state: State, forces: Array | None) -> 
     if state.accelerations is not None:
         return state
     force = external_force(model, params, state.positions, forces)
-    for domains, (stiffness, damping) in zip(model.domains, domain_materials(model, params), strict=True):
-        where = state.positions, state.velocities
-        force = force + viscoelastic_force(domains, *where, stiffness, damping, model.rotation)
-    mass = nodal_mass(model, params.density)
-    return state.replace(accelerations=force / mass[:, None] * model.free[:, None])  # type: ignore[attr-defined]
+    materials = domain_materials(model, params)
+    force = force + viscoelastic_force(model.domains, state.positions, state.velocities, materials, model.rotation)
+    return state.replace(accelerations=_acceleration(model, params, force))  # type: ignore[attr-defined]
+
+
+def _acceleration(model: Model, params: Params, force: Array) -> Array:
+    """M^-1 times a force (n, 3) [N] on the free nodes, zero on the others."""
+    mass, free = nodal_mass(model, params.density)[:, None], model.free[:, None]
+    coupling = mass_coupling(model, params.density)
+    if coupling is None:
+        return force / mass * free
+
+    def product(vector: Array) -> Array:
+        return mass * vector + free * coupling.apply(free * vector)
+
+    def solve(matvec: Any, right: Array) -> Array:
+        return or_nan(*pcg(matvec, right, lambda r: r / jax.lax.stop_gradient(mass), tol=model.tolerance))
+
+    return jax.lax.custom_linear_solve(product, force * free, solve, symmetric=True)
 
 
 def inverted_elements(model: Model, positions: Array) -> Array:

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import domain_strain
+from jaxfem.bodies.domains import domain_strains
 from jaxfem.bodies.elasticity import elastic_force
 from jaxfem.bodies.mass import MASSES, MassKind, mass_product
 from jaxfem.model import Model, Params, State, elementwise, nodal_mass, per_element
@@ -31,17 +31,20 @@ class _Inputs:
     positions: Array
 
 
-def modes(model: Model, params: Params, state: State, count: int = 6, mass: MassKind = "lumped") -> tuple[Array, Array]:
+def modes(
+    model: Model, params: Params, state: State, count: int = 6, mass: MassKind | None = None
+) -> tuple[Array, Array]:
     """The `count` lowest natural frequencies (count,) [rad/s], ascending, and shapes (count, n, 3) [kg^-1/2].
 
     Small vibrations about `state.positions`, prestress included, fixed and driven nodes at rest, damping left out.
-    `mass`: "lumped" (that of `step`), "consistent" or "averaged" (their mean: often the most accurate). Shapes s have
-    s'Ms = 1, their largest entry positive. A free body's rigid motions have frequency 0. NaN: modes that did not
+    `mass`: the model's when None; "lumped", "consistent" or "averaged" (their mean: often the most accurate). Shapes s
+    have s'Ms = 1, their largest entry positive. A free body's rigid motions have frequency 0. NaN: modes that did not
     converge (both), and frequencies of a shape that would buckle. Differentiable in params and state.positions;
     vmappable. Frequencies that repeat have any basis of their space as shapes: derivatives there are those of this
     basis, without its turning; for a frequency, exact where the perturbation does not mix the basis.
     Raises StepError. Source: Knyazev 2001 (solver); Nelson 1976, Fox & Kapoor 1968 (derivatives).
     """
+    mass = model.mass if mass is None else mass
     if mass not in MASSES:
         raise StepError(f"mass is {mass!r}; known: {', '.join(MASSES)}")
     if model.rotation != "polar":
@@ -170,7 +173,7 @@ def _beyond(mass: MassKind, inputs: _Inputs, values: Array, shapes: Array, momen
 def _operators(inputs: _Inputs) -> tuple[Any, Any, Array]:
     """Products with the exact tangent and a preconditioner of it, shifted, in solver order; largest eigenvalue."""
     model, positions = inputs.model, inputs.positions
-    rotations = [array_of(domain_strain(each, positions)[1]) for each in model.domains]
+    rotations = [array_of(rotation) for _, rotation, _ in domain_strains(model.domains, positions)]
     lumped = nodal_mass(model, inputs.params.density)
     shift = _shift(inputs)
     pad = jnp.where(model.free > 0, 0.0, shift * lumped)

@@ -9,7 +9,8 @@ import pytest
 import scenes
 
 import jaxfem as jf
-from jaxfem.model import nodal_mass
+from jaxfem.bodies.mass import mass_product
+from jaxfem.model import mass_coupling, nodal_mass
 from jaxfem.schemes import scheme_damping
 
 RNG = np.random.default_rng(11)
@@ -141,6 +142,25 @@ def test_rows_give_the_same_step_and_single_precision_follows(strain):
     moved = np.abs(ends["condensed"] - np.asarray(scenes.beam(**scene)[2].positions)).max()
     np.testing.assert_allclose(ends["mprgp"], ends["condensed"], atol=1e-7 * moved)
     np.testing.assert_allclose(ends["single"], ends["condensed"], atol=1e-3 * moved)
+
+
+@pytest.mark.parametrize("mass", ["consistent", "averaged"])
+def test_masses_that_are_not_lumped(mass):
+    """Their product is the textbook's; uniform gravity and momentum act as on lumped ones; the start is in balance."""
+    kind = {"scheme": "generalized_alpha", "tolerance": 1e-12, "mass": mass}
+    model, params, state = scenes.beam((2, 1, 1), fixed=None, build=kind)
+    coupling, lumped = mass_coupling(model, params.density), nodal_mass(model, params.density)
+    element_mass = params.density * model.elements.volumes
+    v = jnp.asarray(RNG.standard_normal(model.rest.shape))
+    expected = mass_product(mass, lumped, element_mass, model.elements.cells, v)
+    np.testing.assert_allclose(lumped[:, None] * v + coupling.apply(v), expected, atol=1e-14)
+    states, info = jf.rollout(model, params, state, 1e-2, 3)
+    assert (info.status == 0).all()
+    fall = 0.5 * 9.81 * (0.01 * np.arange(1, 4)) ** 2
+    drop = np.asarray(model.rest - states.positions)[:, :, 2]
+    np.testing.assert_allclose(drop, np.broadcast_to(fall[:, None], drop.shape), rtol=1e-9)
+    with pytest.raises(jf.SceneError, match='so mass = "lumped"'):
+        scenes.beam((2, 1, 1), build={"solver": "mprgp", "mass": mass})
 
 
 def test_steps_one_by_one_are_a_rollout():

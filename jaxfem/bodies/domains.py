@@ -113,6 +113,20 @@ def domain_strain(
     return row_means(domains, rotated_strain(deformation, rotation)[domains.rows]), rotation, deformation
 
 
+def domain_strains(
+    kinds: Sequence[Domains], positions: Array, kind: RotationKind = "polar"
+) -> list[tuple[list[Array], Matrix3, Matrix3]]:
+    """`domain_strain` of each kind of domains; clusters follow the domains that they are made of, and use theirs."""
+    found: list[tuple[list[Array], Matrix3, Matrix3]] = []
+    for each in kinds:
+        if each.clusters is None:
+            found.append(domain_strain(each, positions, kind))
+        else:
+            strain, rotation, deformation = found[-1]
+            found.append((row_means(each, strain), rotation, deformation))
+    return found
+
+
 def row_means(domains: Domains, coefficients: Sequence[Array]) -> list[Array]:
     """Coefficients of the domains (D,) as those of the rows: means over clusters where there are some."""
     return [c if domains.clusters is None else domains.clusters.mean(c) for c in coefficients]

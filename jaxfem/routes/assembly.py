@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.domains import Domains, domain_gradient, domain_stiffness
+from jaxfem.bodies.mass import MassCoupling
 from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
 from jaxfem.routes.factors import Factor, clustered, domain_factor
@@ -59,9 +60,11 @@ def assemble(
     return BlockMatrix(matrix.transpose(0, 2, 1, 3).reshape(nodes, 3, 3 * width), pattern.neighbours, tuple(factors))
 
 
-def assemble_rows(rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern) -> BlockMatrix:
-    """M + J' C^-1 J of elastic rows."""
-    sums = _zero_sums(pattern, mass.dtype)
+def assemble_rows(
+    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: MassCoupling | None = None
+) -> BlockMatrix:
+    """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `coupling` what M has beside it."""
+    sums = _zero_sums(pattern, mass.dtype) if coupling is None else coupling.blocks(pattern.pair_count)
     factors: list[Factor] = []
     for number, each in enumerate(rows):
         turned = turned_gradients(each.domains, each.rotation)

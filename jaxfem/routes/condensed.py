@@ -17,7 +17,7 @@ Array = jax.Array
 def condensed_matrix(system: System) -> BlockMatrix:
     """M + J' C^-1 J of the step in solver order, fixed nodes decoupled."""
     rows = elastic_part(system).rows
-    return assemble_rows(rows, system.mass, system.free, system.pattern)  # type: ignore[arg-type]
+    return assemble_rows(rows, system.mass, system.free, system.pattern, system.coupling)  # type: ignore[arg-type]
 
 
 def group_modes(system: System) -> Array:

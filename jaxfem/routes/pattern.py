@@ -23,10 +23,17 @@ def solver_order(points: int, groups: list[np.ndarray]) -> tuple[np.ndarray, np.
     return order, real, place
 
 
-def sparsity(points: np.ndarray, domains: Sequence[Domains], groups: list[np.ndarray], dtype: Any) -> Pattern:
+def sparsity(
+    points: np.ndarray,
+    domains: Sequence[Domains],
+    groups: list[np.ndarray],
+    dtype: Any,
+    corners: np.ndarray | None = None,
+) -> Pattern:
     """The pattern of the matrix that `domains` need; `groups` partition the nodes.
 
-    Padding rows and padding neighbours point to the node itself.
+    `corners` (E, 4): of all elements, where their masses are tied together. Padding rows and padding neighbours point
+    to the node itself.
     """
     order, real, place = solver_order(len(points), groups)
     cells = [place[np.asarray(each.cells)] for each in domains]
@@ -50,8 +57,16 @@ def sparsity(points: np.ndarray, domains: Sequence[Domains], groups: list[np.nda
         jnp.asarray(real, dtype),
         jnp.asarray(_frames(points, [d for d, use in zip(domains, assembled, strict=True) if use], groups), jnp.int32),
         tuple(jnp.asarray(_occurrences(place[np.asarray(each.slot_node)], nodes), jnp.int32) for each in shared),
+        None if corners is None else jnp.asarray(_corner_pairs(place[corners], keys, nodes), jnp.int32),
         len(keys),
     )
+
+
+def _corner_pairs(cells: np.ndarray, keys: np.ndarray, nodes: int) -> np.ndarray:
+    """Where the six pairs of each element's corners stand among the sorted keys of all pairs, (6, E)."""
+    first, second = np.triu_indices(4, 1)
+    a, b = cells[:, first].T.astype(np.int64), cells[:, second].T
+    return np.searchsorted(keys, np.minimum(a, b) * nodes + np.maximum(a, b))
 
 
 def _valid(cells: np.ndarray) -> np.ndarray:

@@ -5,8 +5,9 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.bodies.mass import MassCoupling
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, Pattern, State, domain_materials, nodal_mass
+from jaxfem.model import Model, Params, Pattern, State, domain_materials, mass_coupling, nodal_mass
 from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
@@ -23,7 +24,8 @@ class System:
 
     `rows`: tuple of kinds, elastic first. `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s];
     `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left; `positions` (n, 3) at the start of
-    the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`).
+    the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`). `coupling`:
+    what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
     """
 
     rows: tuple[Rows, ...]
@@ -37,6 +39,8 @@ class System:
     max_iterations: Array
     positions: Array
     coarse: Any
+    coupling: MassCoupling | None = None
+    before: Array | None = None
 
 
 def step_system(
@@ -52,7 +56,7 @@ def step_system(
     stage = _stage(model, state, prescribed, dt)
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        rows=_elastic(model, params, stage),
+        rows=elastic_rows(model.domains, stage, domain_materials(model, params), model.rotation),
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,
@@ -63,6 +67,8 @@ def step_system(
         max_iterations=model.max_iterations,
         positions=jax.lax.stop_gradient(stage.base),
         coarse=coarse,
+        coupling=mass_coupling(model, params.density),
+        before=None if model.mass == "lumped" else jnp.where(free, stage.start, state.velocities),
     )
 
 
@@ -90,6 +96,8 @@ def momentum_gradient(system: System, unknown: Array) -> Array:
     velocities = merged(system, unknown)
     mass = system.mass[:, None]
     residual = mass * (velocities - system.target) - total_impulse(system.rows, velocities)
+    if system.coupling is not None and system.before is not None:
+        residual = residual + system.coupling.apply(velocities - system.before)
     return jnp.where(system.free[:, None] > 0, residual, mass * unknown)
 
 
@@ -116,13 +124,6 @@ def _stage(model: Model, state: State, prescribed: Array, dt: Array) -> Stage:
         return backward_euler_stage(x, v, dt)
     accelerations = jnp.zeros_like(v) if state.accelerations is None else state.accelerations
     return alpha_stage(x, v, accelerations, prescribed, model.free[:, None] > 0, dt, model.rho_inf)
-
-
-def _elastic(model: Model, params: Params, stage: Stage) -> tuple[Rows, ...]:
-    return tuple(
-        elastic_rows(domains, stage, stiffness, damping, model.rotation)
-        for domains, (stiffness, damping) in zip(model.domains, domain_materials(model, params), strict=True)
-    )
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:

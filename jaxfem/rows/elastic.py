@@ -1,13 +1,15 @@
 """Elastic rows: each domain's stress as regularised constraint rows, in the constant eigenbasis of isotropy."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strain, row_means
+from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strains, row_means
 from jaxfem.bodies.elements import RotationKind
 from jaxfem.pytrees import pytree, static
 from jaxfem.schemes import Stage
-from jaxfem.tensors import EIGENBASIS, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
+from jaxfem.tensors import EIGENBASIS, Matrix3, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 
@@ -66,13 +68,12 @@ def cluster_arms(domains: Domains, turned: Array) -> Array:
 
 
 def elastic_rows(
-    domains: Domains,
+    kinds: Sequence[Domains],
     stage: Stage,
-    stiffness: tuple[Array, Array],
-    damping: Array,
+    materials: Sequence[tuple[tuple[Array, Array], Array]],
     kind: RotationKind = "polar",
-) -> ElasticRows:
-    """Rows of one step, made at its `stage`; `stiffness` (3K, 2 mu) [Pa] and `damping` () or (D,).
+) -> tuple[ElasticRows, ...]:
+    """Rows of one step, made at its `stage`; `materials`: stiffness (3K, 2 mu) [Pa] and damping [s] of each kind.
 
     With e the rotated strain, D the stiffness, and strain and rate at x_a = base + ahead + reach v and
     v_a = before + follow v (see `schemes`), the stress impulse is
@@ -80,7 +81,21 @@ def elastic_rows(
         =>   C = 1 / (D V weight (reach + follow beta)),   c = -(e + J ahead + beta J before) / (reach + follow beta).
     For backward Euler C = 1 / (D V dt (dt + beta)), c = -e / (dt + beta) (Benevolensky & Voroshilov 2009, section 2).
     """
-    strain, rotation, _ = domain_strain(domains, stage.base, kind)
+    strains = domain_strains(kinds, stage.base, kind)
+    return tuple(
+        _rows(each, strain, rotation, stage, *material)
+        for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True)
+    )
+
+
+def _rows(
+    domains: Domains,
+    strain: list[Array],
+    rotation: Matrix3,
+    stage: Stage,
+    stiffness: tuple[Array, Array],
+    damping: Array,
+) -> ElasticRows:
     span = stage.reach + stage.follow * damping
     scale = 1 / (domains.row_volumes * stage.weight * span)
     volumetric, deviatoric = stiffness

@@ -24,8 +24,8 @@ def product(matrix, pattern, vector):
     return pattern.scattered(matrix.apply(pattern.gathered(vector)))
 
 
-def deformed(dtype=None, amount=0.003, **kwargs):
-    model, params, state = scenes.beam(build={"dtype": dtype}, **kwargs)
+def deformed(dtype=None, amount=0.003, mass="lumped", **kwargs):
+    model, params, state = scenes.beam(build={"dtype": dtype, "mass": mass}, **kwargs)
     noise = amount * RNG.standard_normal(state.positions.shape)
     moved = state.replace(
         positions=jnp.asarray(state.positions + noise, model.rest.dtype),
@@ -77,10 +77,10 @@ def test_rows_apply_to_the_rate_of_rotated_strain(strain):
         np.testing.assert_allclose(rows.apply(v), rate, atol=1e-6 * float(jnp.abs(rate).max()))
 
 
-@pytest.mark.parametrize("strain", STRAINS)
-def test_condensed_matrix_is_the_hessian_of_the_condition(strain):
+@pytest.mark.parametrize(("strain", "mass"), [*[(s, "lumped") for s in STRAINS], ("smoothed", "averaged")])
+def test_condensed_matrix_is_the_hessian_of_the_condition(strain, mass):
     """M + J' C^-1 J assembled = derivative of the residual = M + dt (dt + beta) K of the warped stiffness."""
-    model, params, state = deformed(strain=strain)
+    model, params, state = deformed(strain=strain, mass=mass)
     system = system_of(model, params, state)
     v = jnp.asarray(RNG.standard_normal(state.positions.shape))
     _, exact = jax.jvp(lambda u: momentum_gradient(system, u), (jnp.zeros_like(v),), (v,))
