@@ -67,7 +67,7 @@ def measure(strain, cells, repeats):
 
 def main():
     options = arguments(__doc__)
-    cells, repeats = ((40, 2, 2), 1) if options.quick else ((60, 3, 3), 5)
+    cells, repeats = ((40, 2, 2), 1) if options.quick else ((60, 3, 3), 3)
     figures = {"machine": describe(), "cells": cells, "tets_per_cell": 12}
     figures |= {strain: measure(strain, cells, repeats) for strain in STRAINS}
     finish("elastica", figures, options.out)

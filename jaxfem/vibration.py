@@ -83,22 +83,17 @@ def _eigenpairs(count: int, mass: MassKind, inputs: _Inputs) -> tuple[Array, Arr
     def masses(vector: Array) -> Array:
         return pattern.gathered(_mass(mass, inputs, pattern.scattered(vector)))
 
-    found = lowest_eigenpairs(
-        flat(apply),
-        flat(masses),
-        flat(precondition),
-        flat(precondition)(start.reshape(block, -1)),
-        count,
-        shift=_shift(inputs),
-        largest=largest,
-        tol=inputs.model.tolerance,
-    )
+    settings = {"shift": _shift(inputs), "largest": largest, "tol": inputs.model.tolerance}
+    begun = flat(precondition)(start.reshape(block, -1))
+    with jax.default_matmul_precision("highest"):  # accelerators otherwise multiply with fewer digits
+        found = lowest_eigenpairs(flat(apply), flat(masses), flat(precondition), begun, count, **settings)
     shapes = jax.vmap(pattern.scattered)(found.vectors[:count].reshape(count, *start.shape[1:]))
     # By differences within elements: float32 keeps more digits than in the assembled product.
     values = _inner(shapes, jax.vmap(partial(_stiffness, inputs))(shapes))
     values /= _inner(shapes, jax.vmap(partial(_mass, mass, inputs))(shapes))
-    largest_entry = jnp.take_along_axis(flat_shapes := shapes.reshape(count, -1), _peak(flat_shapes), axis=1)
-    return values, shapes * jnp.sign(largest_entry)[:, :, None], found.errors[:count]
+    entries = shapes.reshape(count, -1)
+    peak = jnp.take_along_axis(entries, jnp.argmax(jnp.abs(entries), axis=1, keepdims=True), axis=1)
+    return values, shapes * jnp.sign(peak)[:, :, None], found.errors[:count]
 
 
 @_eigenpairs.defjvp
@@ -129,45 +124,54 @@ def _beyond(mass: MassKind, inputs: _Inputs, values: Array, shapes: Array, momen
 
     There it is positive definite; on the shapes themselves it is made so by top M S S'M.
     """
-    held_model = jax.lax.stop_gradient(inputs)
-    apply, precondition, _ = _operators(held_model)
-    pattern = inputs.model.pattern
-    s, ms = (jax.lax.stop_gradient(jax.vmap(pattern.gathered)(v)) for v in (shapes, momenta))
     top = jax.lax.stop_gradient(jnp.abs(values[-1]) + _shift(inputs))
 
-    def project(vector: Array, basis: Array, dual: Array) -> Array:
-        return vector - jnp.einsum("j,jak->ak", jnp.einsum("jak,ak->j", dual, vector), basis)
-
     def operator(value: Array, vector: Array) -> Array:
-        inner = project(vector, shapes, momenta)
+        inner = _without(vector, shapes, momenta)
         product = _stiffness(inputs, inner) - value * _mass(mass, inputs, inner)
         onto = jnp.einsum("jak,ak->j", momenta, vector)
-        return project(product, momenta, shapes) + top * jnp.einsum("j,jak->ak", onto, momenta)
-
-    def solve_one(value: Array, vector: Array) -> Array:
-        def matvec(x: Array) -> Array:
-            inner = project(x, s, ms)
-            product = apply(inner) - value * pattern.gathered(_mass(mass, held_model, pattern.scattered(inner)))
-            return project(product, ms, s)
-
-        def invert(residual: Array) -> Array:
-            return project(precondition(project(residual, ms, s)), s, ms)
-
-        onto = jnp.einsum("jak,ak->j", s, vector)
-        rest = project(vector, ms, s)
-        tol, limit = held_model.model.tolerance, held_model.model.max_iterations
-        # What was 0 but for rounding stays 0.
-        floor = jnp.finfo(s.dtype).eps * jnp.linalg.norm(vector)
-        found = or_nan(*pcg(matvec, rest, invert, tol=tol, max_iterations=limit, absolute=floor))
-        return found + jnp.einsum("j,jak->ak", onto / top, s)
+        return _without(product, momenta, shapes) + top * jnp.einsum("j,jak->ak", onto, momenta)
 
     def solve(_: Any, vectors: Array) -> Array:
-        inside = jax.vmap(pattern.gathered)(vectors)
-        return jax.vmap(pattern.scattered)(jax.vmap(solve_one)(jax.lax.stop_gradient(values), inside))
+        known = jax.lax.stop_gradient((inputs, values, shapes, momenta))
+        return _solve_beyond(mass, *known, top, vectors)
 
     return jax.lax.custom_linear_solve(
         partial(jax.vmap(operator), values), right, solve, transpose_solve=solve, symmetric=True
     )
+
+
+def _solve_beyond(
+    mass: MassKind, inputs: _Inputs, values: Array, shapes: Array, momenta: Array, top: Array, rights: Array
+) -> Array:
+    """`_beyond` by conjugate gradients on the assembled matrix, in solver order; NaN where they fail."""
+    apply, precondition, _ = _operators(inputs)
+    model, pattern = inputs.model, inputs.model.pattern
+    s, ms = jax.vmap(pattern.gathered)(shapes), jax.vmap(pattern.gathered)(momenta)
+
+    def one(value: Array, right: Array) -> Array:
+        def matvec(x: Array) -> Array:
+            inner = _without(x, s, ms)
+            product = apply(inner) - value * pattern.gathered(_mass(mass, inputs, pattern.scattered(inner)))
+            return _without(product, ms, s)
+
+        def invert(residual: Array) -> Array:
+            return _without(precondition(_without(residual, ms, s)), s, ms)
+
+        vector = pattern.gathered(right)
+        # What was 0 but for rounding stays 0.
+        floor = jnp.finfo(s.dtype).eps * jnp.linalg.norm(vector)
+        limits = {"tol": model.tolerance, "max_iterations": model.max_iterations, "absolute": floor}
+        found = or_nan(*pcg(matvec, _without(vector, ms, s), invert, **limits))
+        onto = jnp.einsum("jak,ak->j", s, vector) / top
+        return pattern.scattered(found + jnp.einsum("j,jak->ak", onto, s))
+
+    return jax.vmap(one)(values, rights)
+
+
+def _without(vector: Array, basis: Array, dual: Array) -> Array:
+    """A field less its part along `basis` (count, n, 3), told by products with `dual`."""
+    return vector - jnp.einsum("j,jak->ak", jnp.einsum("jak,ak->j", dual, vector), basis)
 
 
 def _operators(inputs: _Inputs) -> tuple[Any, Any, Array]:
@@ -214,7 +218,3 @@ def _shift(inputs: _Inputs) -> Array:
 
 def _inner(a: Array, b: Array) -> Array:
     return jnp.sum(a * b, axis=(1, 2))
-
-
-def _peak(flat: Array) -> Array:
-    return jnp.argmax(jnp.abs(flat), axis=1, keepdims=True)

@@ -50,14 +50,7 @@ def lowest_eigenpairs(
     it, told from the `largest` eigenvalue (an estimate), it counts as 0. The m - count further vectors make it fast
     and keep repeated values together. Batched with vmap; no derivative rule.
     """
-    shape = start.shape
-
-    def rounding(size: Array) -> Array:
-        # K x is off by about eps largest |x|, evenly over all vectors: T weighs rough ones by 1 / largest, and the
-        # few softest, a share 1 / d, by 1 / their size. Past 0.05 even the value is no longer worth much.
-        softest = jnp.min(size)
-        noise = 4 * jnp.sqrt(largest / size) + 8 * largest / jnp.sqrt(size * softest * start.shape[1])
-        return jnp.minimum(jnp.finfo(start.dtype).eps * noise, 0.05)
+    width = start.shape[0]
 
     def measured(x: Array, kx: Array, mx: Array) -> tuple[Array, Array, Array]:
         values = jnp.sum(x * kx, axis=1)
@@ -65,13 +58,12 @@ def lowest_eigenpairs(
         corrections = precondition(residual)
         size = jnp.abs(values) + shift
         errors = jnp.sqrt(jnp.abs(jnp.sum(residual * corrections, axis=1)) / size)
+        errors = jnp.maximum(errors - _rounding(size, largest, x), 0)
         # A vector that vanished (more asked for than there are) is no mode.
-        lost = jnp.sum(x * mx, axis=1) < 0.5
-        return values, jnp.where(lost, jnp.inf, jnp.maximum(errors - rounding(size), 0)), corrections
+        return values, jnp.where(jnp.sum(x * mx, axis=1) < 0.5, jnp.inf, errors), corrections
 
     def running(s: _State) -> Array:
-        missing = jnp.any(s.errors[:count] > tol)
-        return missing & (s.iteration < max_iterations)
+        return jnp.any(s.errors[:count] > tol) & (s.iteration < max_iterations)
 
     def trip(s: _State) -> _State:
         x, kx, mx = s.vectors, stiffness(s.vectors), mass(s.vectors)
@@ -80,15 +72,23 @@ def lowest_eigenpairs(
         basis = jnp.concatenate([x, w, p])
         k_basis = jnp.concatenate([kx, stiffness(w), stiffness(p)])
         m_basis = jnp.concatenate([mx, mass(w), mass(p)])
-        c = _ritz(basis @ k_basis.T, basis @ m_basis.T)[1][:, : shape[0]]
-        moved = c.at[: shape[0]].set(0)
+        c = _ritz(basis @ k_basis.T, basis @ m_basis.T)[1][:, :width]
+        moved = c.at[:width].set(0)
         return _State(c.T @ basis, moved.T @ basis, errors, s.iteration + 1)
 
     c = _ritz(start @ stiffness(start).T, start @ mass(start).T)[1]
-    unknown = jnp.full(shape[0], jnp.inf, start.dtype)
+    unknown = jnp.full(width, jnp.inf, start.dtype)
     end = jax.lax.while_loop(running, trip, _State(c.T @ start, jnp.zeros_like(start), unknown, jnp.int32(0)))
     values, errors, _ = measured(end.vectors, stiffness(end.vectors), mass(end.vectors))
     return EigenResult(values, end.vectors, errors, end.iteration)
+
+
+def _rounding(size: Array, largest: Array, vectors: Array) -> Array:
+    """Error (m,) that rounding leaves in `vectors` (m, d) of shifted values `size` (m,)."""
+    # K x is off by about eps largest |x|, evenly over all vectors: T weighs rough ones by 1 / largest, and the few
+    # softest, a share 1 / d, by 1 / their size. Past 0.05 even the value is no longer worth much.
+    noise = 4 * jnp.sqrt(largest / size) + 8 * largest / jnp.sqrt(size * jnp.min(size) * vectors.shape[1])
+    return jnp.minimum(jnp.finfo(vectors.dtype).eps * noise, 0.05)
 
 
 def _ritz(stiffness: Array, mass: Array) -> tuple[Array, Array]:
