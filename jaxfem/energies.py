@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_energy
+from jaxfem.bodies.rigid import rigid_energies
 from jaxfem.model import Model, Params, State, elementwise, nodal_mass
 from jaxfem.pytrees import pytree
 
@@ -20,13 +21,16 @@ class Energies:
 
 
 def energies(model: Model, params: Params, state: State) -> Energies:
-    """Energies of a state [J]."""
+    """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
+    kinetic, gravity = jnp.zeros(()), jnp.zeros(())
+    if model.rigid is not None and state.rigid is not None:
+        kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)
     return Energies(
-        kinetic=0.5 * jnp.sum(mass[:, None] * state.velocities**2),
+        kinetic=kinetic + 0.5 * jnp.sum(mass[:, None] * state.velocities**2),
         elastic=total_elastic_energy(model, params, state.positions),
-        gravity=-jnp.sum(weight * (state.positions - model.rest)),
+        gravity=gravity - jnp.sum(weight * (state.positions - model.rest)),
     )
 
 

@@ -24,6 +24,8 @@ class System:
     `rows`: tuple of kinds, elastic first. `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s];
     `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left; `positions` (n, 3) at the start of
     the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`).
+    With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
+    of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
     """
 
     rows: tuple[Rows, ...]
@@ -37,6 +39,8 @@ class System:
     max_iterations: Array
     positions: Array
     coarse: Any
+    inertia: Array | None = None
+    friction: tuple = ()
 
 
 def step_system(

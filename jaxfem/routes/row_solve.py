@@ -1,0 +1,205 @@
+"""The coupled step on the impulses of all rows: MPRGP, friction bounds iterated to their fixed point, derivatives.
+
+    min 1/2 lam' A lam - b' lam,   l <= lam <= h,   A = J M^-1 J' + C,  b = c - J v*,   then v = v* + M^-1 J' lam
+(Benevolensky & Voroshilov 2009, section 3). Friction rows have h = -l = mu lam_n with lam_n of the normal row beside
+them: the problem is solved with bounds from the last normal impulses until these no longer change, which is a solution
+of the coupled problem (Haslinger's fixed point, 1983; not of the relaxed convex one).
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.sparse.linalg
+from jax.ad_checkpoint import checkpoint_name
+
+from jaxfem.pytrees import pytree, static
+from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
+from jaxfem.routes.system import System
+from jaxfem.solvers import trees
+from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.mprgp import mprgp_loop
+from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo, Status
+
+Array = jax.Array
+Impulses = tuple[Array, ...]
+
+FRICTION_ROUNDS = 100
+FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
+
+
+@pytree
+class Friction:
+    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
+
+    coefficient: Array
+    normal: int = static()
+    tangent: int = static()
+
+
+def solve_rows(system: System, guess: Impulses) -> tuple[Array, tuple[SolveInfo, Impulses]]:
+    """End-of-step velocities (n, 3), info and impulses; `guess`: impulses to start from.
+
+    Differentiable in the system: on the rows found at a bound the impulse is that bound, on all others the condition
+    A lam = b holds; its solution by the implicit function theorem is again one linear solve, with a symmetric matrix
+    unless a friction bound is active.
+    """
+    if not system.rows:  # free flight
+        zero = jnp.int32(0)
+        return _velocities(system, ()), (SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero), ())
+    held = jax.lax.stop_gradient((system, guess))
+    found, sides, info = jax.lax.stop_gradient(_search(*held))
+    found, sides = checkpoint_name((found, sides), SOLUTION)
+    operator, right, diagonal = row_operator(system)
+    weights = jax.lax.stop_gradient(diagonal)
+
+    def condition(unknown: Impulses) -> Impulses:
+        residual = trees.minus(operator(_settled(system, sides, unknown)), right)
+        return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
+
+    here = condition(found)
+    change = trees.minus(here, jax.lax.stop_gradient(here))
+    correction = jax.lax.custom_linear_solve(
+        lambda direction: jax.jvp(condition, (found,), (direction,))[1],
+        change,
+        lambda matvec, vector: _tangent(matvec, vector, weights, system),
+        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, system),
+        symmetric=not system.friction,
+    )
+    impulses = _settled(system, sides, trees.minus(found, correction))
+    return _velocities(system, impulses), (info, impulses)
+
+
+def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
+    """The product with A, b, and A's diagonal."""
+    inverse = inverse_mass(system)
+
+    def push(impulses: Impulses) -> Array:
+        return apply_inverse_mass(inverse, _pushed(system, impulses))
+
+    def operator(impulses: Impulses) -> Impulses:
+        velocities = push(impulses)
+        pairs = zip(system.rows, impulses, strict=True)
+        return tuple(rows.apply(velocities) + rows.compliance * lam for rows, lam in pairs)
+
+    right = tuple(rows.bias - rows.apply(system.target) for rows in system.rows)
+    return operator, right, tuple(_diagonal(rows, inverse) + rows.compliance for rows in system.rows)
+
+
+def row_bounds(system: System, impulses: Impulses) -> tuple[tuple, tuple]:
+    """Lower and upper bounds of all rows (None without), friction bounds from the normal impulses given."""
+    pairs = [(None, None) if rows.bounds is None else rows.bounds for rows in system.rows]
+    for each in system.friction:
+        radius = jnp.maximum(each.coefficient[:, None] * impulses[each.normal], 0)
+        radius = jnp.broadcast_to(radius, impulses[each.tangent].shape)
+        pairs[each.tangent] = (-radius, radius)
+    return tuple(low for low, _ in pairs), tuple(up for _, up in pairs)
+
+
+def _search(system: System, guess: Impulses) -> tuple[Impulses, Any, SolveInfo]:
+    """Impulses, the side of the bound that each is at (-1, 1; 0 between), and info."""
+    operator, right, diagonal = row_operator(system)
+
+    def once(start: Impulses) -> tuple[Impulses, tuple, SolveInfo]:
+        bounds = row_bounds(system, start)
+        found, info = mprgp_loop(
+            operator,
+            right,
+            *bounds,
+            x0=start,
+            diagonal=diagonal,
+            tol=system.tolerance,
+            max_iterations=system.max_iterations,
+        )
+        return found, bounds, info
+
+    if not system.friction:
+        found, bounds, info = once(guess)
+        return found, _sides(found, bounds), info
+    return _friction_rounds(system, once, guess)
+
+
+def _friction_rounds(system: System, once: Any, guess: Impulses) -> tuple[Impulses, Any, SolveInfo]:
+    def change(found: Impulses, bounds: tuple) -> Array:
+        _, fresh = row_bounds(system, found)
+        moved = sum(jnp.sum((fresh[f.tangent] - bounds[1][f.tangent]) ** 2) for f in system.friction)
+        size = sum(jnp.sum(lam**2) for f in system.friction for lam in (found[f.normal],))
+        return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
+
+    def trip(carry: Any) -> Any:
+        found, _, _, _, rounds, total = carry
+        found, bounds, info = once(found)
+        return found, _sides(found, bounds), info, change(found, bounds), rounds + 1, total + info.iterations
+
+    def running(carry: Any) -> Array:
+        _, _, info, moved, rounds, _ = carry
+        return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (info.status == 0)
+
+    first = trip((guess, None, None, None, jnp.int32(0), jnp.int32(0)))
+    found, sides, info, moved, _, total = jax.lax.while_loop(running, trip, first)
+    unsettled = (moved > FRICTION_SLACK * system.tolerance) & (info.status == 0)
+    status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), info.status).astype(jnp.int32)
+    return found, sides, info.replace(iterations=total, status=status)  # type: ignore[attr-defined]
+
+
+def _sides(found: Impulses, bounds: tuple) -> Any:
+    def side(lam: Array, low: Any, up: Any) -> Array:
+        if low is None:
+            return jnp.zeros(lam.shape, jnp.int32)
+        return jnp.where(lam <= low, -1, jnp.where(lam >= up, 1, 0)).astype(jnp.int32)
+
+    return tuple(side(*each) for each in zip(found, *bounds, strict=True))
+
+
+def _settled(system: System, sides: Any, unknown: Impulses) -> Impulses:
+    """Impulses with those at a bound put on it; friction bounds follow their own normal impulses."""
+
+    def placed(number: int, values: Any, bounds: tuple) -> Array:
+        low, up = bounds[0][number], bounds[1][number]
+        if low is None:
+            return values
+        return jnp.where(sides[number] < 0, low, jnp.where(sides[number] > 0, up, values))
+
+    own = tuple((None, None) if rows.bounds is None else rows.bounds for rows in system.rows)
+    plain = tuple(zip(*own, strict=True))
+    settled = tuple(placed(number, lam, plain) for number, lam in enumerate(unknown))
+    if not system.friction:
+        return settled
+    bounds = row_bounds(system, settled)
+    return tuple(
+        placed(i, unknown[i], bounds) if any(f.tangent == i for f in system.friction) else settled[i]
+        for i in range(len(unknown))
+    )
+
+
+def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -> Impulses:
+    """Solve the linearised condition; NaN where that fails, never a plausible number."""
+
+    def scaled(residual: Impulses) -> Impulses:
+        return jax.tree.map(lambda r, d: r / d, residual, weights)
+
+    if not system.friction:
+        solution, info = pcg(matvec, vector, scaled, tol=system.tolerance, max_iterations=system.max_iterations)
+        good = info.status == int(Status.CONVERGED)
+    else:
+        solution, _ = jax.scipy.sparse.linalg.bicgstab(
+            matvec, vector, tol=system.tolerance, maxiter=system.max_iterations, M=scaled
+        )
+        left = trees.norm(scaled(trees.minus(matvec(solution), vector)))
+        good = left <= jnp.sqrt(system.tolerance) * trees.norm(scaled(vector))
+    return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+
+
+def _velocities(system: System, impulses: Impulses) -> Array:
+    pushed = system.target + apply_inverse_mass(inverse_mass(system), _pushed(system, impulses))
+    return jnp.where(system.free[:, None] > 0, pushed, system.prescribed)
+
+
+def _pushed(system: System, impulses: Impulses) -> Array:
+    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
+    return sum(parts, start=jnp.zeros_like(system.target))
+
+
+def _diagonal(rows: Any, inverse: tuple[Array, Array | None]) -> Array:
+    return rows.diagonal(*inverse) if hasattr(rows, "triples") else rows.diagonal(inverse[0])
