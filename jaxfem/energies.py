@@ -24,7 +24,7 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
-    kinetic, gravity = jnp.zeros(()), jnp.zeros(())
+    kinetic = gravity = jnp.zeros((), state.positions.dtype)
     if model.rigid is not None and state.rigid is not None:
         kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)
     return Energies(
@@ -38,4 +38,4 @@ def total_elastic_energy(model: Model, params: Params, positions: Array) -> Arra
     """Elastic energy of all bodies at `positions` (n, 3) [J]."""
     young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
     parts = [jnp.sum(elastic_energy(each, positions, young, poisson, model.rotation)) for each in model.domains]
-    return sum(parts[1:], start=parts[0])
+    return sum(parts, start=jnp.zeros((), positions.dtype))
