@@ -4,7 +4,7 @@ from jaxfem import mesh, rotation, solvers
 from jaxfem.bodies.rigid import RigidParams, RigidSet, RigidState
 from jaxfem.bodies.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
 from jaxfem.building import AccuracyWarning, build
-from jaxfem.declared import BallJoint, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
+from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.loads import NodalForce, PointForce, Pressure, Traction
@@ -21,6 +21,7 @@ __all__ = [
     "BallJoint",
     "Box",
     "Capsule",
+    "Contact",
     "Cylinder",
     "DistanceJoint",
     "Driven",

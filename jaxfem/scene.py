@@ -133,6 +133,8 @@ class Scene:
         gravity = np.asarray(self.gravity, dtype=np.float64)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise SceneError(f"gravity is {self.gravity!r}; give three finite numbers in m/s^2, like (0, 0, -9.81)")
+        if not isinstance(self.contacts, Sequence):
+            raise SceneError("contacts is no list: write contacts=[Contact(a, b), ...]")
         names = Counter(body.name for body in self.bodies if body.name)
         for name, count in names.items():
             if count > 1:

@@ -6,7 +6,7 @@ import numpy as np
 
 
 def check(loss, values, rtol=1e-6, h=1e-4):
-    """Derivatives of `loss(*values)` in each of the scalars: jvp = vjp to 1e-8, = differences of fourth order to rtol."""
+    """Derivatives of `loss(*values)` in each of the scalars: jvp = vjp to 1e-8, differences of fourth order to rtol."""
     values = tuple(jnp.asarray(v, float) for v in values)
     places = tuple(range(len(values)))
     loss, run = jax.jit(loss), loss

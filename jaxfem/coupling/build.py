@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.coupling.bodies import BodyIndex, rigid_parts
+from jaxfem.coupling.contacts import contact_parts
 from jaxfem.coupling.joints import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
@@ -30,8 +31,11 @@ def with_coupling(
         model, params = model.replace(rigid=bodies), params.replace(rigid=values)  # type: ignore[attr-defined]
         state = state.replace(rigid=start)  # type: ignore[attr-defined]
     joints, softness = joint_parts(scene.joints, index, dtype)
-    model = model.replace(joints=joints, solver=_solver(model.solver))  # type: ignore[attr-defined]
-    params = params.replace(joints=softness)  # type: ignore[attr-defined]
+    contacts, roughness = contact_parts(scene.contacts, index, dtype)
+    model = model.replace(  # type: ignore[attr-defined]
+        joints=joints, contacts=contacts, solver=_solver(model.solver)
+    )
+    params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
 

@@ -12,14 +12,26 @@ import jax.numpy as jnp
 
 from jaxfem.bodies.rigid import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
 from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import pytree, static
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.routes.system import System, step_system
 from jaxfem.rows.attachments import Configuration
+from jaxfem.rows.contact import contact_rows
 from jaxfem.rows.joints import PointLock, tension_stiffness
 from jaxfem.rows.points import PointRows
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
+
+
+@pytree
+class Friction:
+    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
+
+    coefficient: Array
+    normal: int = static()
+    tangent: int = static()
+
 
 STIFFNESS_ONSET = 1.0
 """dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
@@ -32,10 +44,25 @@ def coupled_system(model: Model, params: Params, state: State, dt: Array, forces
     system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
     rows: Any = soft.rows
     elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
-    joints = [model.joints[name].rows(at, params.joints[name], dt) for name in sorted(model.joints)]
-    scalar, blocks = inverse_mass(system)
-    hardened = tuple(_hardened(rows, scalar, blocks) for rows in joints)
-    return system.replace(rows=elastic + hardened)  # type: ignore[attr-defined]
+    extra = [model.joints[name].rows(at, params.joints[name], dt) for name in sorted(model.joints)]
+    friction = []
+    for name in sorted(model.contacts):
+        values, speeds = params.contacts[name], (_velocities(state), system.target)
+        normal, tangent = contact_rows(model.contacts[name], at, values, dt, *speeds)
+        extra.append(normal)
+        if tangent is not None:
+            extra.append(tangent)
+            last = len(elastic) + len(extra) - 1
+            friction.append(Friction(values.friction, last - 1, last))
+    hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
+    return system.replace(rows=elastic + hardened, friction=tuple(friction))  # type: ignore[attr-defined]
+
+
+def _velocities(state: State) -> Array:
+    """Velocities of all triples at the start of the step."""
+    if state.rigid is None:
+        return state.velocities
+    return jnp.concatenate([state.velocities, state.rigid.velocities, state.rigid.angular_velocities])
 
 
 def configuration(state: State) -> Configuration:

@@ -13,7 +13,6 @@ import jax.numpy as jnp
 import jax.scipy.sparse.linalg
 from jax.ad_checkpoint import checkpoint_name
 
-from jaxfem.pytrees import pytree, static
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
@@ -27,15 +26,6 @@ Impulses = tuple[Array, ...]
 
 FRICTION_ROUNDS = 100
 FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
-
-
-@pytree
-class Friction:
-    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
-
-    coefficient: Array
-    normal: int = static()
-    tangent: int = static()
 
 
 def solve_rows(system: System, guess: Impulses) -> tuple[Array, tuple[SolveInfo, Impulses]]:

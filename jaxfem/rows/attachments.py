@@ -79,8 +79,8 @@ class RigidPoint:
 class SoftPoint:
     """Points in soft bodies: weighted means of `nodes` (m, k), weights (m, k) of sum 1."""
 
-    nodes: Array
-    weights: Array
+    nodes: Any
+    weights: Any
     kind: str = static(default="soft")
 
     def placed(self, at: Configuration) -> Placed:
