@@ -33,6 +33,8 @@ class Friction:
     tangent: int = static()
 
 
+TRACE = {True: 1e-9, False: 1e-6}
+"""Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
 STIFFNESS_ONSET = 1.0
 """dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
 
@@ -144,7 +146,7 @@ def _hardened(rows: PointRows, scalar: Array, blocks: Array | None) -> PointRows
     step's frequency times 1e9. Rows that move nothing get 1.
     """
     diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
-    trace = 1e-9 if diagonal.dtype.itemsize > 4 else 1e-6
+    trace = TRACE[diagonal.dtype.itemsize > 4]
     return rows.replace(  # type: ignore[attr-defined]
         compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1)
     )
