@@ -69,7 +69,8 @@ def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array | No
 
 def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None):
     if model.coupled:
-        unknown, (info, impulses) = solve_rows(coupled_system(model, params, state, dt, forces), state.impulses)
+        system = coupled_system(model, params, state, dt, forces)
+        unknown, (info, impulses) = solve_rows(system, state.impulses, model.solver)
     else:
         system = step_system(model, params, state, dt, forces, coarse)
         unknown, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)

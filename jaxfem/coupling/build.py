@@ -23,6 +23,8 @@ def with_coupling(
     """
     rigid, dtype = scene.rigid, model.rest.dtype
     if not (rigid or scene.joints or scene.contacts):
+        if model.solver == "pgs":
+            raise SceneError('solver "pgs" is for scenes with rigid bodies, joints or contacts: use "auto" here')
         return model, params, state
     own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
     index = BodyIndex(scene.soft, model.bodies, rigid, own)
@@ -40,9 +42,7 @@ def with_coupling(
 
 
 def _solver(asked: str) -> str:
-    if asked not in ("condensed", "mprgp"):
-        raise SceneError(f"solver {asked!r} takes no rigid bodies, joints or contacts")
-    return "mprgp"
+    return "pgs" if asked == "pgs" else "mprgp"
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:

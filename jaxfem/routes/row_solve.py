@@ -14,6 +14,7 @@ import jax.scipy.sparse.linalg
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
+from jaxfem.routes.gauss_seidel import projected_step, search_by_sweeps
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
 from jaxfem.solvers.implicit import SOLUTION
@@ -28,8 +29,10 @@ FRICTION_ROUNDS = 100
 FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
 
 
-def solve_rows(system: System, guess: Impulses) -> tuple[Array, tuple[SolveInfo, Impulses]]:
+def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[Array, tuple[SolveInfo, Impulses]]:
     """End-of-step velocities (n, 3), info and impulses; `guess`: impulses to start from.
+
+    `solver`: "mprgp", where each tangential impulse has bounds of its own (a pyramid), or "pgs", with the true cone.
 
     Differentiable in the system: on the rows found at a bound the impulse is that bound, on all others the condition
     A lam = b holds; its solution by the implicit function theorem is again one linear solve, with a symmetric matrix
@@ -39,13 +42,16 @@ def solve_rows(system: System, guess: Impulses) -> tuple[Array, tuple[SolveInfo,
         zero = jnp.int32(0)
         return _velocities(system, ()), (SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero), ())
     held = jax.lax.stop_gradient((system, guess))
-    found, sides, info = jax.lax.stop_gradient(_search(*held))
+    cone = solver == "pgs" and bool(system.friction)
+    found, sides, info = jax.lax.stop_gradient(_search(*held, solver))
     found, sides = checkpoint_name((found, sides), SOLUTION)
     operator, right, diagonal = row_operator(system)
     weights = jax.lax.stop_gradient(diagonal)
 
     def condition(unknown: Impulses) -> Impulses:
         residual = trees.minus(operator(_settled(system, sides, unknown)), right)
+        if cone:
+            residual = _cone_condition(system, _settled(system, sides, unknown), residual, weights)
         return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
 
     here = condition(found)
@@ -87,9 +93,14 @@ def row_bounds(system: System, impulses: Impulses) -> tuple[tuple, tuple]:
     return tuple(low for low, _ in pairs), tuple(up for _, up in pairs)
 
 
-def _search(system: System, guess: Impulses) -> tuple[Impulses, Any, SolveInfo]:
+def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any, SolveInfo]:
     """Impulses, the side of the bound that each is at (-1, 1; 0 between), and info."""
     operator, right, diagonal = row_operator(system)
+    if solver == "pgs":
+        found, info = search_by_sweeps(system, guess, operator, right)
+        frictional = {each.tangent for each in system.friction}
+        own = [(None, None) if i in frictional or r.bounds is None else r.bounds for i, r in enumerate(system.rows)]
+        return found, _sides(found, tuple(zip(*own, strict=True))), info
 
     def once(start: Impulses) -> tuple[Impulses, tuple, SolveInfo]:
         bounds = row_bounds(system, start)
@@ -131,6 +142,16 @@ def _friction_rounds(system: System, once: Any, guess: Impulses) -> tuple[Impuls
     unsettled = (moved > FRICTION_SLACK * system.tolerance) & (info.status == 0)
     status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), info.status).astype(jnp.int32)
     return found, sides, info.replace(iterations=total, status=status)  # type: ignore[attr-defined]
+
+
+def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses) -> Impulses:
+    """The residual with, for friction pairs, D (lam - P(lam - residual / D)): P the projection on the cone's disc."""
+    projected = projected_step(system, impulses, residual, weights)
+    placed = list(residual)
+    for each in system.friction:
+        width = jnp.max(weights[each.tangent], -1, keepdims=True)
+        placed[each.tangent] = width * (impulses[each.tangent] - projected[each.tangent])
+    return tuple(placed)
 
 
 def _sides(found: Impulses, bounds: tuple) -> Any:
