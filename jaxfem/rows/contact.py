@@ -171,7 +171,10 @@ def _rates(normal: Array, triples: Array, velocities: Array) -> Array:
 
 
 def _wanted_rate(gap: Array, approach: Array, coming: Array, restitution: Array, dt: Array) -> Array:
-    """c of the normal rows. An impact is due where the gap would close faster than two steps of force explain."""
+    """c of the normal rows. An impact is due where the gap would close faster than two steps of force explain.
+
+    A pair that bounces turns back within the step, up to one step's way before it touches; one that does not, arrives.
+    """
     rate = -jnp.where(gap >= 0, gap, PUSH * gap) / dt
-    impact = (gap + dt * coming < 0) & (approach < -2 * jnp.abs(coming - approach))
+    impact = (restitution > 0) & (gap + dt * coming < 0) & (approach < -2 * jnp.abs(coming - approach))
     return jnp.where(impact, jnp.maximum(rate, -restitution * approach), rate)
