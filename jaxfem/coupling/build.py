@@ -32,6 +32,8 @@ def with_coupling(
         bodies, values, start = rigid_parts(rigid, own, index, dtype)
         model, params = model.replace(rigid=bodies), params.replace(rigid=values)  # type: ignore[attr-defined]
         state = state.replace(rigid=start)  # type: ignore[attr-defined]
+    if model.solver == "pgs" and any(body.strain != "element" for body in scene.soft):
+        raise SceneError('solver "pgs" visits rows of single elements: use strain = "element", or another solver')
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(  # type: ignore[attr-defined]
