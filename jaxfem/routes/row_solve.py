@@ -26,6 +26,7 @@ Array = jax.Array
 Impulses = tuple[Array, ...]
 
 FRICTION_ROUNDS = 100
+PLAIN_ROUNDS = 8  # after these, bounds go half of the way only: where they circle, that brings them to rest
 FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
 
 
@@ -83,13 +84,17 @@ def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
     return operator, right, tuple(_diagonal(rows, inverse) + rows.compliance for rows in system.rows)
 
 
-def row_bounds(system: System, impulses: Impulses) -> tuple[tuple, tuple]:
-    """Lower and upper bounds of all rows (None without), friction bounds from the normal impulses given."""
+def friction_radii(system: System, impulses: Impulses) -> tuple[Array, ...]:
+    """mu lam_n of each pair of friction rows (m, 1), from the normal impulses given."""
+    return tuple(jnp.maximum(f.coefficient[:, None] * impulses[f.normal], 0) for f in system.friction)
+
+
+def row_bounds(system: System, radii: tuple[Array, ...]) -> tuple[tuple, tuple]:
+    """Lower and upper bounds of all rows (None without), those of friction rows at the radii given."""
     pairs = [(None, None) if rows.bounds is None else rows.bounds for rows in system.rows]
-    for each in system.friction:
-        radius = jnp.maximum(each.coefficient[:, None] * impulses[each.normal], 0)
-        radius = jnp.broadcast_to(radius, impulses[each.tangent].shape)
-        pairs[each.tangent] = (-radius, radius)
+    for each, radius in zip(system.friction, radii, strict=True):
+        wide = jnp.broadcast_to(radius, system.rows[each.tangent].bias.shape)
+        pairs[each.tangent] = (-wide, wide)
     return tuple(low for low, _ in pairs), tuple(up for _, up in pairs)
 
 
@@ -102,8 +107,8 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
         own = [(None, None) if i in frictional or r.bounds is None else r.bounds for i, r in enumerate(system.rows)]
         return found, _sides(found, tuple(zip(*own, strict=True))), info
 
-    def once(start: Impulses) -> tuple[Impulses, tuple, SolveInfo]:
-        bounds = row_bounds(system, start)
+    def once(start: Impulses, radii: tuple[Array, ...]) -> tuple[Impulses, Any, SolveInfo]:
+        bounds = row_bounds(system, radii)
         found, info = mprgp_loop(
             operator,
             right,
@@ -113,32 +118,36 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
             tol=system.tolerance,
             max_iterations=system.max_iterations,
         )
-        return found, bounds, info
+        return found, _sides(found, bounds), info
 
     if not system.friction:
-        found, bounds, info = once(guess)
-        return found, _sides(found, bounds), info
+        return once(guess, ())
     return _friction_rounds(system, once, guess)
 
 
 def _friction_rounds(system: System, once: Any, guess: Impulses) -> tuple[Impulses, Any, SolveInfo]:
-    def change(found: Impulses, bounds: tuple) -> Array:
-        _, fresh = row_bounds(system, found)
-        moved = sum(jnp.sum((fresh[f.tangent] - bounds[1][f.tangent]) ** 2) for f in system.friction)
-        size = sum(jnp.sum(lam**2) for f in system.friction for lam in (found[f.normal],))
+    """Solves with bounds from the last normal impulses until these fit; from some round on, halfway to them only."""
+
+    def change(found: Impulses, radii: tuple[Array, ...]) -> Array:
+        fresh = friction_radii(system, found)
+        moved = sum(jnp.sum((new - old) ** 2) for new, old in zip(fresh, radii, strict=True))
+        size = sum(jnp.sum(found[f.normal] ** 2) for f in system.friction)
         return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
 
     def trip(carry: Any) -> Any:
-        found, _, _, _, rounds, total = carry
-        found, bounds, info = once(found)
-        return found, _sides(found, bounds), info, change(found, bounds), rounds + 1, total + info.iterations
+        found, _, _, radii, _, rounds, total = carry
+        fresh = friction_radii(system, found)
+        part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
+        radii = tuple(old + part * (new - old) for old, new in zip(radii, fresh, strict=True))
+        found, sides, info = once(found, radii)
+        return found, sides, info, radii, change(found, radii), rounds + 1, total + info.iterations
 
     def running(carry: Any) -> Array:
-        _, _, info, moved, rounds, _ = carry
+        _, _, info, _, moved, rounds, _ = carry
         return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (info.status == 0)
 
-    first = trip((guess, None, None, None, jnp.int32(0), jnp.int32(0)))
-    found, sides, info, moved, _, total = jax.lax.while_loop(running, trip, first)
+    start = (guess, None, None, friction_radii(system, guess), None, jnp.int32(0), jnp.int32(0))
+    found, sides, info, _, moved, _, total = jax.lax.while_loop(running, trip, trip(start))
     unsettled = (moved > FRICTION_SLACK * system.tolerance) & (info.status == 0)
     status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), info.status).astype(jnp.int32)
     return found, sides, info.replace(iterations=total, status=status)  # type: ignore[attr-defined]
@@ -177,7 +186,7 @@ def _settled(system: System, sides: Any, unknown: Impulses) -> Impulses:
     settled = tuple(placed(number, lam, plain) for number, lam in enumerate(unknown))
     if not system.friction:
         return settled
-    bounds = row_bounds(system, settled)
+    bounds = row_bounds(system, friction_radii(system, settled))
     return tuple(
         placed(i, unknown[i], bounds) if any(f.tangent == i for f in system.friction) else settled[i]
         for i in range(len(unknown))
