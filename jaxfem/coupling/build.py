@@ -32,6 +32,10 @@ def with_coupling(
         bodies, values, start = rigid_parts(rigid, own, index, dtype)
         model, params = model.replace(rigid=bodies), params.replace(rigid=values)  # type: ignore[attr-defined]
         state = state.replace(rigid=start)  # type: ignore[attr-defined]
+    if model.scheme != "backward_euler":
+        raise SceneError(
+            f'scheme "{model.scheme}" is for soft bodies alone; rigid bodies, joints and contacts need "backward_euler"'
+        )
     if model.solver == "pgs" and any(body.strain != "element" for body in scene.soft):
         raise SceneError('solver "pgs" visits rows of single elements: use strain = "element", or another solver')
     joints, softness = joint_parts(scene.joints, index, dtype)

@@ -133,6 +133,15 @@ def test_impossible_bodies_are_refused(arguments, text):
         jf.RigidBody(**arguments)
 
 
+def test_what_does_not_go_together_is_refused():
+    scene = jf.Scene([jf.RigidBody(jf.Sphere(0.1), mass=1.0)])
+    with pytest.raises(jf.SceneError, match="soft bodies alone"):
+        jf.build(scene, scheme="generalized_alpha")
+    soft = jf.SoftBody(jf.mesh.box((1, 1, 1), 1), young=1e5, poisson=0.3, density=1e3)
+    with pytest.raises(jf.SceneError, match="with rigid bodies, joints or contacts"):
+        jf.build(jf.Scene([soft]), solver="pgs")
+
+
 def test_wrong_params_are_refused():
     model, params, state = jf.build(jf.Scene([jf.RigidBody(jf.Sphere(0.1), mass=1.0)]))
     with pytest.raises(jf.StepError, match="one mass for each of the 1 bodies"):
