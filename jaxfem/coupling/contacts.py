@@ -33,8 +33,8 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
             count = len(candidates.margin)
             values = ContactValues(np.full(count, contact.friction), np.full(count, contact.restitution))
             label = f"{'rough' if candidates.rough else 'smooth'} {candidates.kind}"
-            if isinstance(candidates, SurfaceContacts) or candidates.shared:
-                label = f"{label} {name}" + (" back" if f"{label} {name}" in grouped else "")
+            if isinstance(candidates, ShapeContacts) and candidates.shared:
+                label = f"{label} {name}"
             grouped.setdefault(label, []).append((candidates.replace(names=(name,) * count), values))
     rows = {label: _joined([each for each, _ in parts], dtype) for label, parts in grouped.items()}
     return rows, {label: _joined([each for _, each in parts], dtype) for label, parts in grouped.items()}
@@ -115,7 +115,8 @@ def _against(index: BodyIndex, points: Any, radius: Any, margin: Any, body: int,
 
 def _soft_pair(points: SoftPoint, index: BodyIndex, b: int, margin: float, rough: bool) -> SurfaceContacts:
     triangles = (index.soft[b].mesh.surface + index.offsets[b]).astype(np.int32)
-    return SurfaceContacts(points, triangles, np.full(len(points.nodes), margin), rough)
+    each = np.broadcast_to(triangles, (len(points.nodes), *triangles.shape))
+    return SurfaceContacts(points, each, np.full(len(points.nodes), margin), rough)
 
 
 def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) -> tuple[SoftPoint, np.ndarray]:

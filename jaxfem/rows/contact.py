@@ -105,7 +105,8 @@ class ShapeContacts:
 class SurfaceContacts:
     """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
 
-    `points` (m); `triangles` (t, 3): nodes, turned outward. The gap is measured along the triangle's normal.
+    `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
+    the triangle's normal.
     """
 
     points: SoftPoint
@@ -117,13 +118,13 @@ class SurfaceContacts:
     @property
     def kind(self) -> str:
         """Words for the kinds of partners."""
-        return "soft-soft"
+        return f"soft-soft {self.triangles.shape[1]}"
 
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
         placed = self.points.placed(at)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles)
-        other = SoftPoint(self.triangles[chosen], weights).placed(at)
+        other = SoftPoint(chosen, weights).placed(at)
         gap = jnp.sum((placed.position - other.position) * normal, -1)
         return Pairs(gap, normal, difference(other, placed))
 

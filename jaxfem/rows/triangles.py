@@ -1,4 +1,4 @@
-"""The triangle nearest to each of some points, all against all."""
+"""The triangle nearest to each of some points, of those that it may meet."""
 
 import jax
 import jax.numpy as jnp
@@ -7,15 +7,15 @@ Array = jax.Array
 
 
 def nearest_triangle(points: Array, nodes: Array, triangles: Array) -> tuple[Array, Array, Array]:
-    """For points (m, 3): the number (m,) of the nearest of `triangles` (t, 3) over `nodes` (n, 3), barycentric weights
+    """For points (m, 3): the nearest (m, 3) of their `triangles` (m, t, 3) over `nodes` (n, 3), barycentric weights
     (m, 3) of the nearest point on it, and its unit normal (m, 3).
 
     The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
     """
-    corners = nodes[triangles]
-    fixed_points, fixed_corners = jax.lax.stop_gradient((points, corners))
-    chosen = jnp.argmin(_square_distances(fixed_points, fixed_corners), axis=1)
-    a, b, c = (corners[chosen, i] for i in range(3))
+    fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
+    nearest = jnp.argmin(_square_distances(fixed_points, fixed_nodes[triangles]), axis=1)
+    chosen = jnp.take_along_axis(triangles, nearest[:, None, None], axis=1)[:, 0]
+    a, b, c = (nodes[chosen[:, i]] for i in range(3))
     normal = jnp.cross(b - a, c - a)
     weights = _held(_weights(points, a, b, c))
     return chosen, weights, normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
@@ -23,7 +23,7 @@ def nearest_triangle(points: Array, nodes: Array, triangles: Array) -> tuple[Arr
 
 def _square_distances(points: Array, corners: Array) -> Array:
     """(m, t), to the nearest point of each triangle."""
-    a, b, c = (corners[None, :, i] for i in range(3))
+    a, b, c = (corners[:, :, i] for i in range(3))
     p = points[:, None]
     inside = _weights(p, a, b, c)
     foot = inside[..., :1] * a + inside[..., 1:2] * b + inside[..., 2:] * c

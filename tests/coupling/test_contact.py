@@ -144,8 +144,9 @@ def test_nearest_triangle_is_that_of_the_mesh():
     mesh = jf.mesh.ball(0.1, 2)
     points = np.random.default_rng(0).normal(size=(20, 3))
     points *= 0.13 / np.linalg.norm(points, axis=1, keepdims=True)
-    chosen, weights, normal = nearest_triangle(jnp.asarray(points), jnp.asarray(mesh.points), jnp.asarray(mesh.surface))
-    foot = np.einsum("mk,mki->mi", weights, mesh.points[mesh.surface[np.asarray(chosen)]])
+    triangles = jnp.broadcast_to(jnp.asarray(mesh.surface), (len(points), *mesh.surface.shape))
+    chosen, weights, normal = nearest_triangle(jnp.asarray(points), jnp.asarray(mesh.points), triangles)
+    foot = np.einsum("mk,mki->mi", weights, mesh.points[np.asarray(chosen)])
     dense = mesh.points[mesh.surface].mean(1)
     assert (
         np.linalg.norm(foot - points, axis=1) <= np.linalg.norm(dense[None] - points[:, None], axis=-1).min(1)
