@@ -2,8 +2,9 @@
 
 20x20 unit spheres in a net 1 m apart, four corners fixed, a chain of 16 from each: 6800 bodies, 7160 joints, 21,480
 rows, from rest, dt 1/60 s, relative residual 1e-4 (Benevolensky & Voroshilov 2009, section 3.7; radius 0.5 m, 1 kg).
-Gaps are distances between the two anchors of a joint, over the whole run. PGS is compared on the first step, the easiest
-one: its residual after the last sweep is given too. Run it with one core (taskset -c 0, intra_op_parallelism_threads=1) to compare with other engines.
+Gaps are distances between the two anchors of a joint, over the whole run. PGS is compared on the first step, the
+easiest one: its residual after the last sweep is given too. Run it with one core (taskset -c 0,
+intra_op_parallelism_threads=1) to compare with other engines.
 """
 
 import argparse
