@@ -40,6 +40,29 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above():
     np.testing.assert_allclose(jnp.linalg.norm(states.rigid.velocities[-1, 0]), 4.905 * np.sin(np.radians(26.5)))
 
 
+def test_lanes_give_what_they_give_alone_and_single_precision_follows():
+    model, params, state, down = on_slope(30.0)
+    (name,) = params.contacts
+
+    def speed(friction, model=model, params=params, state=state):
+        contacts = {name: params.contacts[name].replace(friction=jnp.full(8, friction, state.time.dtype))}
+        states, info = jf.rollout(model, params.replace(contacts=contacts), state, 1e-2, 20)
+        return states.rigid.velocities[-1, 0] @ jnp.asarray(down, state.time.dtype), info.status.max()
+
+    values = jnp.array([0.0, 0.3, 0.7])
+    lanes, status = jax.vmap(speed)(values)
+    alone = [speed(each)[0] for each in values]
+    np.testing.assert_allclose(lanes, alone, atol=1e-7)
+    assert not status.any()
+    single = jax.tree.map(
+        lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, (model, params, state)
+    )
+    single = (single[0].replace(tolerance=jnp.float32(1e-5)), *single[1:])
+    follows = speed(jnp.float32(0.3), *single)
+    assert follows[0].dtype == jnp.float32 and not follows[1]
+    np.testing.assert_allclose(follows[0], alone[1], rtol=1e-3)
+
+
 def test_a_ball_bounces_to_the_height_of_its_restitution_and_rolls():
     """Dropped by 1 m with e = 0.8 it rises to 0.64 m; a ball pushed along rough ground ends up rolling at 5/7 speed."""
     ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 1.1))
