@@ -54,9 +54,7 @@ def test_lanes_give_what_they_give_alone_and_single_precision_follows():
     alone = [speed(each)[0] for each in values]
     np.testing.assert_allclose(lanes, alone, atol=1e-7)
     assert not status.any()
-    single = jax.tree.map(
-        lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, (model, params, state)
-    )
+    single = jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, (model, params, state))
     single = (single[0].replace(tolerance=jnp.float32(1e-5)), *single[1:])
     follows = speed(jnp.float32(0.3), *single)
     assert follows[0].dtype == jnp.float32 and not follows[1]
