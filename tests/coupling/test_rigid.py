@@ -148,5 +148,7 @@ def test_wrong_params_are_refused():
         jf.step(model, params.replace(rigid=params.rigid.replace(mass=jnp.ones(3))), state, 1e-2)
     with pytest.raises(jf.StepError, match="comes to rest by steps"):
         jf.equilibrium(model, params, state)
+    with pytest.raises(jf.StepError, match="modes takes soft bodies alone"):
+        jf.modes(model, params, state, count=1)
     with pytest.raises(jf.StepError, match="belong together"):
         jf.step(model, params.replace(rigid=None), state, 1e-2)
