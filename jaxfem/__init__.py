@@ -1,7 +1,10 @@
-"""jaxfem: a differentiable solver for soft bodies, in pure JAX."""
+"""jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
+from jaxfem.bodies.rigid import RigidParams, RigidSet, RigidState
+from jaxfem.bodies.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
 from jaxfem.building import AccuracyWarning, build
+from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.loads import NodalForce, PointForce, Pressure, Traction
@@ -15,25 +18,44 @@ from jaxfem.vibration import modes
 
 __all__ = [
     "AccuracyWarning",
+    "BallJoint",
+    "Box",
+    "Capsule",
+    "Contact",
+    "Cylinder",
+    "DistanceJoint",
     "Driven",
     "Energies",
     "FitError",
     "FitResult",
+    "HeightField",
+    "HingeJoint",
     "Model",
     "Motion",
+    "Motor",
     "NodalForce",
     "Params",
+    "Plane",
     "PointForce",
     "Pressure",
     "Recording",
+    "RigidBody",
+    "RigidParams",
+    "RigidSet",
+    "RigidState",
     "Scene",
     "SceneError",
+    "SignedDistance",
+    "SliderJoint",
     "SoftBody",
+    "Sphere",
     "State",
     "StepError",
     "StepInfo",
     "TetMesh",
     "Traction",
+    "TriangleMesh",
+    "WeldJoint",
     "build",
     "energies",
     "equilibrium",

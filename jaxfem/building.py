@@ -1,6 +1,7 @@
 """build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
 
 import warnings
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,6 +13,7 @@ from jaxfem.bodies.domains import Domains
 from jaxfem.bodies.elements import Elements, shape_gradients
 from jaxfem.bodies.mass import MASSES
 from jaxfem.bodies.smoothing import STRAINS, build_domains
+from jaxfem.coupling import with_coupling
 from jaxfem.loads import FacePressure, Load, NodalForce, PointForce, Pressure, Traction, WeightedForce
 from jaxfem.mesh import locate
 from jaxfem.mesh.groups import body_groups
@@ -21,7 +23,7 @@ from jaxfem.routes.pattern import solver_order, sparsity
 from jaxfem.scene import Scene, SceneError, SoftBody
 from jaxfem.schemes import SCHEMES
 
-SOLVERS = ("auto", "condensed", "mprgp")
+SOLVERS = ("auto", "condensed", "mprgp", "pgs")
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
@@ -46,13 +48,14 @@ def build(
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
-    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first: with
-    soft bodies in a scene it is the faster on every one measured. `scheme`: "backward_euler" (first order, damps what
-    moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest
-    frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies), the last
-    two not with "mprgp". `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each
-    step's solve, 1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
-    (AccuracyWarning) of known bias.
+    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first for
+    soft bodies alone and the second where there are rigid bodies, joints or contacts. `scheme`: "backward_euler" (first
+    order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1,
+    of the highest frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
+    frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `dtype`:
+    float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64
+    and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known
+    bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
@@ -65,29 +68,32 @@ def build(
         raise SceneError(f"rho_inf is {rho_inf}; it is the share of the highest frequencies left by a step, 0 to 1")
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
-    bodies, names = list(scene.bodies), _names(scene.bodies)
+    every = _names(scene.bodies)
+    bodies, names = scene.soft, [n for n, b in zip(every, scene.bodies, strict=True) if isinstance(b, SoftBody)]
     for body, name in zip(bodies, names, strict=True):
         _check_body(body, name)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
     model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass)
     params = _params(scene, bodies, dtype)
-    velocities = np.concatenate([np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies])
+    starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
+    velocities = np.concatenate([np.zeros((0, 3)), *starts])
     impulses = _no_impulses(model) if model.solver == "mprgp" else None
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
-    return model, params, state
+    return with_coupling(scene, every, model, params, state)
 
 
 def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass) -> Model:
-    points = np.concatenate([b.mesh.points for b in bodies])
-    cells = np.concatenate([b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)])
+    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
+    cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
     gradients, volumes = shape_gradients(points, cells)
     nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
     driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
     held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     _check_disjoint(driven)
     free = np.ones(len(points))
-    free[np.concatenate([*held, *driven]).astype(int)] = 0
+    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
@@ -98,8 +104,9 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     )
     if tolerance is None:
         tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
-    groups = body_groups(points, node_body, GROUP_NODES, max(MOST_GROUPS, round(1.5 * len(points) ** 0.5)))
-    place = solver_order(len(points), groups)[2]
+    most = max(MOST_GROUPS, round(1.5 * len(points) ** 0.5))
+    groups = body_groups(points, node_body, GROUP_NODES, most) if bodies else []
+    place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
     domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
@@ -108,7 +115,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
         node_body=jnp.asarray(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
-        pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells),
+        pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
@@ -118,7 +125,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         rho_inf=jnp.asarray(rho_inf, dtype),
         solver="condensed" if solver == "auto" else solver,
         scheme=scheme,
-        rotation=bodies[0].rotation,  # type: ignore[arg-type]
+        rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
         mass=mass,
         bodies=tuple(names),
     )
@@ -149,7 +156,9 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
             lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
         )
 
-    values = {name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")}
+    values: dict[str, Any] = {
+        name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")
+    }
     return Params(
         **values,
         gravity=jnp.asarray(scene.gravity, dtype),
@@ -161,6 +170,8 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
 def _material(bodies: Sequence[SoftBody], name: str, dtype: Any) -> jax.Array:
     """A scalar for one body, one number a body, or one an element where any body asks for that."""
     values = [np.asarray(getattr(b, name), float) for b in bodies]
+    if not values:
+        return jnp.zeros(0, dtype)
     if any(v.ndim for v in values):
         spread = [np.broadcast_to(v, len(b.mesh.cells)) for v, b in zip(values, bodies, strict=True)]
         return jnp.asarray(np.concatenate(spread), dtype)
@@ -264,10 +275,11 @@ def _check_numbers(dtype: Any, tolerance: float | None, max_iterations: int) -> 
         raise SceneError(f"max_iterations is {max_iterations}; give at least 1")
 
 
-def _names(bodies: Sequence[SoftBody]) -> list[str]:
+def _names(bodies: Sequence[Any]) -> list[str]:
     """Labels made unique by numbering repeated ones."""
-    labels = [b.label for b in bodies]
-    return [
-        label if labels.count(label) == 1 else f"{label}_{labels[: i + 1].count(label)}"
-        for i, label in enumerate(labels)
-    ]
+    counts, seen = Counter(b.label for b in bodies), Counter[str]()
+    names = []
+    for body in bodies:
+        seen[body.label] += 1
+        names.append(body.label if counts[body.label] == 1 else f"{body.label}_{seen[body.label]}")
+    return names

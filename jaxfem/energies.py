@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_energy
+from jaxfem.bodies.rigid import rigid_energies
 from jaxfem.model import Model, Params, State, elementwise, mass_coupling, nodal_mass
 from jaxfem.pytrees import pytree
 
@@ -20,16 +21,19 @@ class Energies:
 
 
 def energies(model: Model, params: Params, state: State) -> Energies:
-    """Energies of a state [J]."""
+    """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
     coupling = mass_coupling(model, params.density)
     momentum = mass[:, None] * state.velocities
     momentum = momentum if coupling is None else momentum + coupling.apply(state.velocities)
+    kinetic = gravity = jnp.zeros((), state.positions.dtype)
+    if model.rigid is not None and state.rigid is not None:
+        kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)
     return Energies(
-        kinetic=0.5 * jnp.vdot(state.velocities, momentum),
+        kinetic=kinetic + 0.5 * jnp.vdot(state.velocities, momentum),
         elastic=total_elastic_energy(model, params, state.positions),
-        gravity=-jnp.sum(weight * (state.positions - model.rest)),
+        gravity=gravity - jnp.sum(weight * (state.positions - model.rest)),
     )
 
 

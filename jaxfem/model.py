@@ -1,5 +1,6 @@
 """What `build` returns: the model (topology and configuration), params (what users fit and sweep), and the state."""
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -8,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.bodies.domains import Domains, domain_damping, domain_stiffness
 from jaxfem.bodies.elements import Elements, RotationKind
 from jaxfem.bodies.mass import MassCoupling, MassKind, consistent_share
+from jaxfem.bodies.rigid import RigidParams, RigidSet, RigidState
 from jaxfem.pytrees import pytree, static
 
 Array = jax.Array
@@ -19,6 +21,8 @@ class Params:
 
     `young` [Pa], `poisson`, `damping` [s] and `density` [kg/m^3] are each a scalar (all bodies), an array (bodies,) or
     an array (elements,). `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
+    `rigid`: masses and motions of rigid bodies; `joints`, `contacts`: name of a group of rows -> its values
+    (compliance, limits, motors, friction, ...), under the names of `Model.joints` and `Model.contacts`.
     """
 
     young: Array
@@ -28,6 +32,9 @@ class Params:
     gravity: Array
     loads: tuple = ()
     motions: tuple = ()
+    rigid: RigidParams | None = None
+    joints: dict[str, Any] = dataclasses.field(default_factory=dict)
+    contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
 @pytree
@@ -36,7 +43,9 @@ class State:
 
     `accelerations` (n, 3) [m/s^2] belong to the second-order scheme; None where they are unknown, as at the start: the
     next step then takes those that the forces give. Set them to None after moving a body by hand.
-    `impulses` warm-starts the row solver; None with solvers that do not use it. It never affects the solution.
+    `rigid`: poses and velocities of rigid bodies, None without them. `impulses` of the rows warm-start the solver; None
+    with solvers that do not use it. They affect a solution only through geometric stiffness, where a joint's pull on a
+    rigid body is so strong that it must be treated implicitly (see `routes/coupled.py`).
     """
 
     positions: Array
@@ -44,6 +53,7 @@ class State:
     time: Array
     impulses: Any = None
     accelerations: Array | None = None
+    rigid: RigidState | None = None
 
 
 @pytree
@@ -93,7 +103,7 @@ class Model:
     `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves by its own dynamics and 0 where it is
     fixed or driven, `driven`: node indices of each prescribed motion. `rho_inf`: what the second-order scheme
     leaves of the highest frequencies in a step. `coarse`: the preconditioner's dense part when `prepare` has built it,
-    else None.
+    else None. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name.
     """
 
     rest: Array
@@ -114,6 +124,14 @@ class Model:
     mass: MassKind = static()
     bodies: tuple[str, ...] = static()
     coarse: Any = None
+    rigid: RigidSet | None = None
+    joints: dict[str, Any] = dataclasses.field(default_factory=dict)
+    contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    @property
+    def coupled(self) -> bool:
+        """Whether anything but soft bodies takes part: rigid bodies, joints or contacts."""
+        return self.rigid is not None or bool(self.joints) or bool(self.contacts)
 
     @property
     def nodes(self) -> int:

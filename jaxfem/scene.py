@@ -1,6 +1,7 @@
 """What a user declares: soft bodies and the scene that holds them. Host data only; checked here, once."""
 
 import dataclasses
+from collections import Counter
 from collections.abc import Sequence
 from typing import Any
 
@@ -8,15 +9,12 @@ import numpy as np
 
 from jaxfem.bodies.material import check_material
 from jaxfem.bodies.smoothing import STRAINS
+from jaxfem.declared import Joint, RigidBody, SceneError
 from jaxfem.loads import Load
 from jaxfem.mesh import TetMesh
 from jaxfem.motion import Motion
 
 ROTATIONS = ("polar", "gram_schmidt")
-
-
-class SceneError(ValueError):
-    """A declaration that cannot be built; the message names the body, what is wrong and what to do."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,26 +110,45 @@ class SoftBody:
 
 @dataclasses.dataclass(frozen=True)
 class Scene:
-    """Soft bodies and `gravity` (3,) [m/s^2]. Bodies' names must differ; unnamed equal ones are numbered by `build`."""
+    """Soft and rigid bodies, the `joints` and `contacts` between them, and `gravity` (3,) [m/s^2].
 
-    bodies: Sequence[SoftBody]
+    Bodies' names must differ; unnamed equal ones are numbered by `build`. Bodies touch only where a contact says so.
+    """
+
+    bodies: Sequence[SoftBody | RigidBody]
     gravity: Any = (0.0, 0.0, -9.81)
+    joints: Sequence[Joint] = ()
+    contacts: Sequence[Any] = ()
 
     def __post_init__(self) -> None:
-        if isinstance(self.bodies, SoftBody):
-            raise SceneError("bodies is a single SoftBody: write Scene([body])")
+        if isinstance(self.bodies, SoftBody | RigidBody):
+            raise SceneError(f"bodies is a single {type(self.bodies).__name__}: write Scene([body])")
         if len(self.bodies) == 0:
             raise SceneError("the scene holds no body: write Scene([body])")
         for body in self.bodies:
-            if not isinstance(body, SoftBody):
-                raise SceneError(f"a scene holds SoftBody objects, not {type(body).__name__}")
+            if not isinstance(body, SoftBody | RigidBody):
+                raise SceneError(f"a scene holds SoftBody and RigidBody objects, not {type(body).__name__}")
+        if not isinstance(self.joints, Sequence) or not all(isinstance(each, Joint) for each in self.joints):
+            raise SceneError("joints is no list of joints: write joints=[BallJoint(a, b, anchor), ...]")
         gravity = np.asarray(self.gravity, dtype=np.float64)
         if gravity.shape != (3,) or not np.isfinite(gravity).all():
             raise SceneError(f"gravity is {self.gravity!r}; give three finite numbers in m/s^2, like (0, 0, -9.81)")
-        names = [body.name for body in self.bodies if body.name]
-        for name in names:
-            if names.count(name) > 1:
+        if not isinstance(self.contacts, Sequence):
+            raise SceneError("contacts is no list: write contacts=[Contact(a, b), ...]")
+        names = Counter(body.name for body in self.bodies if body.name)
+        for name, count in names.items():
+            if count > 1:
                 raise SceneError(f'two bodies are called "{name}": give each its own name')
+
+    @property
+    def soft(self) -> list[SoftBody]:
+        """The soft bodies, in order."""
+        return [body for body in self.bodies if isinstance(body, SoftBody)]
+
+    @property
+    def rigid(self) -> list[RigidBody]:
+        """The rigid bodies, in order."""
+        return [body for body in self.bodies if isinstance(body, RigidBody)]
 
 
 def _check_choice(label: str, what: str, value: str, known: Sequence[str]) -> None:

@@ -66,6 +66,10 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
     `forces` (n, 3) [N]: extra nodal forces. Differentiable in params, the fixed nodes' positions and forces. Every body
     needs enough fixed nodes to be held: otherwise the status says that no equilibrium was found.
     """
+    if model.coupled:
+        raise StepError(
+            "equilibrium takes soft bodies alone: a scene with rigid bodies, joints or contacts comes to rest by steps"
+        )
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
     params, state, forces = typed(model, params, state, forces)

@@ -10,6 +10,8 @@ from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
 from jaxfem.model import Model, Params, State, StepInfo, domain_materials, mass_coupling, nodal_mass
 from jaxfem.routes.condensed import coarse_of
+from jaxfem.routes.coupled import advance_rigid, coupled_system
+from jaxfem.routes.row_solve import solve_rows
 from jaxfem.routes.solution import solve_system
 from jaxfem.routes.system import external_force, step_system
 from jaxfem.schemes import alpha_advance
@@ -50,6 +52,8 @@ def prepare(model: Model, params: Params, state: State, dt: Any) -> Model:
     """
     params, state, dt_ = typed(model, params, state, dt)
     check_call(model, params, state, dt)
+    if model.coupled:
+        return model
     return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
 
 
@@ -58,16 +62,28 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Array:
     return coarse_of(step_system(model, params, _begun(model, params, state, None), dt))
 
 
-def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array:
+def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array | None:
+    if model.coupled:
+        return None
     return coarse_of(step_system(model, params, state, dt)) if model.coarse is None else model.coarse
 
 
-def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array):
-    system = step_system(model, params, state, dt, forces, coarse)
-    velocities, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
+def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None):
+    if model.coupled:
+        system = coupled_system(model, params, state, dt, forces)
+        unknown, (info, impulses) = solve_rows(system, state.impulses, model.solver)
+    else:
+        system = step_system(model, params, state, dt, forces, coarse)
+        unknown, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
+    velocities = unknown[: model.nodes]
     positions, accelerations = _moved(model, state, velocities, dt)
     following = state.replace(  # type: ignore[attr-defined]
-        positions=positions, velocities=velocities, time=state.time + dt, impulses=impulses, accelerations=accelerations
+        positions=positions,
+        velocities=velocities,
+        time=state.time + dt,
+        impulses=impulses,
+        accelerations=accelerations,
+        rigid=advance_rigid(model, params, state, unknown, dt),
     )
     return following, StepInfo(
         info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, following.positions)
@@ -217,11 +233,27 @@ def _check_params(model: Model, params: Params) -> None:
                 f"{name} has shape {found}; give one number, one for each of the {bodies} bodies, or one for each of "
                 f"the {elements} elements"
             )
+    _check_coupled(model, params)
     if jnp.shape(params.gravity) != (3,):
         raise StepError(f"gravity has shape {jnp.shape(params.gravity)}; give three numbers, like (0, 0, -9.81)")
     for name, values, known in (("loads", params.loads, model.loads), ("motions", params.motions, model.driven)):
         if len(values) != len(known):
             raise StepError(f"params.{name} holds {len(values)} values; the scene declares {len(known)}")
+
+
+def _check_coupled(model: Model, params: Params) -> None:
+    if (model.rigid is None) != (params.rigid is None):
+        raise StepError(
+            "params.rigid and model.rigid belong together: use the params that build returned, with changes"
+        )
+    if model.rigid is not None and params.rigid is not None:
+        found, count = jnp.shape(params.rigid.mass), model.rigid.count
+        if found != (count,):
+            raise StepError(f"rigid.mass has shape {found}; give one mass for each of the {count} bodies")
+    for kind in ("joints", "contacts"):
+        given, known = set(getattr(params, kind)), set(getattr(model, kind))
+        if given != known:
+            raise StepError(f"params.{kind} holds {sorted(given)}; the scene's groups are {sorted(known)}")
 
 
 def _check_rollout(steps: int, every: int, checkpoint: int | None) -> None:

@@ -109,6 +109,14 @@ def guarded_inverse(a: Matrix3) -> Matrix3:
     return [[cofactors[j][i] / safe for j in _AXES] for i in _AXES]
 
 
+def inverse_blocks(blocks: Array) -> Array:
+    """Inverses of symmetric 3x3 blocks (n, 3, 3), by cofactors."""
+    rows = [blocks[:, i] for i in range(3)]
+    cofactors = [jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
+    determinant = jnp.sum(rows[0] * cofactors[0], -1)
+    return jnp.stack(cofactors, -1) / determinant[:, None, None]
+
+
 def to_eigenbasis(s: Matrix3) -> list[Array]:
     """Six coefficients of a symmetric matrix in `EIGENBASIS`: its scalar product with each basis matrix."""
     root2, root3, root6 = math.sqrt(2.0), math.sqrt(3.0), math.sqrt(6.0)  # Python floats: they promote nothing

@@ -47,6 +47,8 @@ def modes(
     mass = model.mass if mass is None else mass
     if mass not in MASSES:
         raise StepError(f"mass is {mass!r}; known: {', '.join(MASSES)}")
+    if model.coupled:
+        raise StepError("modes takes soft bodies alone, without rigid bodies, joints or contacts")
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):

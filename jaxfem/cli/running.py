@@ -80,7 +80,10 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
 
 
 def _failed(state: State, info: StepInfo) -> bool:
-    return bool(info.status != 0) or not (np.isfinite(state.positions).all() and np.isfinite(state.velocities).all())
+    numbers = [state.positions, state.velocities]
+    if state.rigid is not None:
+        numbers += [state.rigid.positions, state.rigid.velocities, state.rigid.angular_velocities]
+    return bool(info.status != 0) or not all(np.isfinite(each).all() for each in numbers)
 
 
 def _first_failure(run: Run, count: int, end: State, info: StepInfo) -> tuple[int, State, StepInfo]:
@@ -97,10 +100,15 @@ def _first_failure(run: Run, count: int, end: State, info: StepInfo) -> tuple[in
 
 def _problem(run: Run, number: int, state: State, info: StepInfo) -> str:
     """The step that failed, its time, the body to look at, and the remedy."""
-    velocities, owner = np.asarray(state.velocities), np.asarray(run.model.node_body)
+    velocities, places = np.asarray(state.velocities), np.asarray(state.positions)
+    names = [run.model.bodies[number] for number in np.asarray(run.model.node_body)]
+    if state.rigid is not None and run.model.rigid is not None:
+        velocities = np.concatenate([velocities, np.asarray(state.rigid.velocities)])
+        places = np.concatenate([places, np.asarray(state.rigid.positions)])
+        names += run.model.rigid.names
     speeds = np.linalg.norm(velocities, axis=1)
-    lost = ~np.isfinite(speeds) | ~np.isfinite(np.asarray(state.positions)).all(axis=1)
-    name = run.model.bodies[owner[np.argmax(lost) if lost.any() else np.argmax(speeds)]]
+    lost = ~np.isfinite(speeds) | ~np.isfinite(places).all(axis=1)
+    name = names[np.argmax(lost) if lost.any() else np.argmax(speeds)]
     what = "not finite any more" if lost.any() else f"the fastest, {speeds.max():.3g} m/s"
     status = int(info.status) or int(Status.NOT_FINITE)
     return f'step {number} (t = {number * run.dt:.6g} s) failed; body "{name}" is {what}. Its solve: {describe(status)}'

@@ -74,6 +74,8 @@ def _plots(writer: FrameWriter) -> list[Path]:
     """Energies over time, the first, middle and last shape, and how far tracked points moved."""
     made = [plot_energies(writer.folder / "energies.png", writer.times, writer.energies)]
     chosen = dict.fromkeys([0, (len(writer.saved) - 1) // 2, len(writer.saved) - 1])
+    if not writer.model.bodies:
+        return made
     frames = [read_frame(writer.saved[i].path, writer.saved[i].time) for i in chosen]
     shapes = {f"t = {frame.time:.4g} s": frame.positions for frame in frames}
     surface = boundary_faces(frames[0].cells)[0]

@@ -55,8 +55,9 @@ class FrameWriter:
     In `folder`: NAME.pvd, the index to open in ParaView, rewritten after every frame (from 500 frames on after every
     second, and so on, or a long run would do little else) and at the end; frames/NAME_00000.vtu and so on,
     with the nodes where they are at that time; energies.csv [J]; points.csv, the paths of `points` (name -> (3,) [m], a
-    material point of the undeformed bodies). Frames of an earlier run of that name are removed. SceneError for a point
-    outside every body.
+    material point of the undeformed bodies); rigid.csv, the poses of rigid bodies (place of the centre of mass, unit
+    quaternion). Frames of rigid bodies alone hold a vertex for each. Frames of an earlier run of that name are removed.
+    SceneError for a point outside every body.
     """
 
     def __init__(
@@ -79,6 +80,11 @@ class FrameWriter:
         if self.points.names:
             columns = [f"{name}_{axis}_m" for name in self.points.names for axis in "xyz"]
             self._point_row = self._table("points.csv", ["time_s", *columns])
+        self._rigid_row = None
+        if self.model.rigid is not None:
+            columns = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+            names = [f"{name}_{column}" for name in self.model.rigid.names for column in columns]
+            self._rigid_row = self._table("rigid.csv", ["time_s", *names])
         return self
 
     def __exit__(self, *problem: Any) -> None:
@@ -90,13 +96,11 @@ class FrameWriter:
         """Write one frame of the state and a row of each table; returns the frame's path."""
         stress, energy = _fields(self.model, self.params, state)
         positions, time = np.asarray(state.positions), float(state.time)
+        if self._rigid_row is not None and state.rigid is not None:
+            poses = np.concatenate([np.asarray(state.rigid.positions), np.asarray(state.rigid.orientations)], 1)
+            self._rigid_row([time, *poses.ravel()])
         path = self.folder / "frames" / f"{self.name}_{len(self.saved):05d}.vtu"
-        mesh = meshio.Mesh(
-            positions,
-            [("tetra", np.asarray(self.model.elements.cells, np.int64))],
-            {"displacement": positions - np.asarray(self.model.rest), "velocity": np.asarray(state.velocities)},
-            {"body": [np.asarray(self.model.elements.body)], "von_mises": [np.asarray(stress)]},
-        )
+        mesh = _frame_mesh(self.model, state, np.asarray(stress))
         with replaced(path) as temporary:
             meshio.write(temporary, mesh, file_format="vtu")
         row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
@@ -127,6 +131,7 @@ class FrameWriter:
     def files(self) -> list[Path]:
         """The index and the tables, for a summary."""
         tables = ["energies.csv"] + (["points.csv"] if self.points.names else [])
+        tables += ["rigid.csv"] if self.model.rigid is not None else []
         return [self.index, *(self.folder / name for name in tables)]
 
     def _write_index(self) -> None:
@@ -152,6 +157,20 @@ class FrameWriter:
         return add
 
 
+def _frame_mesh(model: Model, state: State, stress: np.ndarray) -> meshio.Mesh:
+    """The soft bodies' mesh with its fields or, where there is none, the rigid bodies' centres."""
+    kind, cells = "tetra", np.asarray(model.elements.cells, np.int64)
+    places, rest, speeds = state.positions, model.rest, state.velocities
+    body = np.asarray(model.elements.body)
+    if not model.bodies and model.rigid is not None and state.rigid is not None:
+        places, rest, speeds = state.rigid.positions, model.rigid.start, state.rigid.velocities
+        kind, cells = "vertex", np.arange(model.rigid.count)[:, None]
+        body, stress = np.arange(model.rigid.count), np.zeros(model.rigid.count)
+    moved = np.asarray(places) - np.asarray(rest)
+    fields = {"displacement": moved, "velocity": np.asarray(speeds)}
+    return meshio.Mesh(np.asarray(places), [(kind, cells)], fields, {"body": [body], "von_mises": [stress]})
+
+
 class _Tracked:
     """Material points by their element's nodes and weights."""
 
@@ -159,6 +178,11 @@ class _Tracked:
         self.names = tuple(points)
         rest, cells = np.asarray(model.rest, np.float64), np.asarray(model.elements.cells, np.int64)
         places = np.array([np.asarray(points[name], float) for name in self.names]).reshape(-1, 3)
+        if not len(cells) and self.names:
+            raise SceneError(f'the tracked point "{self.names[0]}" needs a soft body; rigid.csv has the rigid bodies')
+        if not self.names:
+            self.nodes, self.weights = np.zeros((0, 4), np.int64), np.zeros((0, 4))
+            return
         elements, self.weights, distance = locate(rest, cells, places)
         self.nodes = cells[elements]
         near = self.at(rest)

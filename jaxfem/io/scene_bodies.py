@@ -18,7 +18,8 @@ BODY_KEYS = (
     *("name", "mesh", "position", "rotate", "young", "poisson", "density", "damping"),
     *("fixed", "velocity", "strain", "rotation", "driven", "load"),
 )
-DRIVEN_KEYS = ("nodes", "velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
+MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
+DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
 LOAD_KEYS = {
     "nodal_force": ("nodes", "value"),
     "traction": ("faces", "value"),
@@ -150,8 +151,13 @@ def _placed(table: Table, mesh: TetMesh) -> TetMesh:
 
 def _driven(values: dict[str, Any], mesh: TetMesh, where: str) -> Driven:
     table = Table(values, where, DRIVEN_KEYS)
+    return Driven(select_nodes(table, "nodes", mesh), read_motion(table))
+
+
+def read_motion(table: Table) -> Motion:
+    """The prescribed motion whose keys a table holds."""
     zero = (0.0, 0.0, 0.0)
-    motion = Motion(
+    return Motion(
         velocity=table.vector("velocity", zero, "m/s"),
         amplitude=table.vector("amplitude", zero, "m"),
         frequency=table.number("frequency", 0.0, "Hz"),
@@ -159,7 +165,6 @@ def _driven(values: dict[str, Any], mesh: TetMesh, where: str) -> Driven:
         angular_velocity=table.vector("angular_velocity", zero, "rad/s"),
         center=table.vector("center", zero, "m"),
     )
-    return Driven(select_nodes(table, "nodes", mesh), motion)
 
 
 def _load(values: dict[str, Any], mesh: TetMesh, where: str) -> Load:

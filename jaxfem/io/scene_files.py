@@ -7,13 +7,14 @@ from typing import Any
 
 import jaxfem.building as building
 from jaxfem.io.scene_bodies import BODY_KEYS, read_body
+from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
 from jaxfem.model import Model, Params, State
 from jaxfem.scene import Scene
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
-TOP_KEYS = ("gravity", "time", "solver", "body", "output")
+TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
 TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points")
@@ -95,19 +96,28 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "points": {name: points.vector(name, unit="m") for name in points.values},
     }
     gravity = top.vector("gravity", (0.0, 0.0, -9.81), "m/s^2")
-    return SceneFile(scene=Scene(_bodies(top, source.parent), gravity), source=source, **settings)
+    return SceneFile(scene=_scene(top, source.parent, gravity), source=source, **settings)
 
 
-def _bodies(top: Table, folder: Path) -> list[Any]:
-    raw = top.tables("body", "body")
-    if not raw:
-        raise SceneFileError("the scene holds no body: add a table [[body]] with mesh, young, poisson and density")
-    bodies = []
-    for number, values in enumerate(raw, 1):
+def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
+    soft = [read_body(Table(values, where, BODY_KEYS), folder) for values, where in _listed(top, "body")]
+    rigid = [read_rigid(Table(values, where, RIGID_KEYS), folder) for values, where in _listed(top, "rigid")]
+    if not soft and not rigid:
+        raise SceneFileError(
+            "the scene holds no body: add a table [[body]] with mesh, young, poisson and density, or a [[rigid]] one"
+        )
+    joints = [read_joint(values, where, soft) for values, where in _listed(top, "joint")]
+    contacts = [read_contact(Table(values, where, CONTACT_KEYS), soft) for values, where in _listed(top, "contact")]
+    return Scene([*soft, *rigid], gravity, joints, contacts)
+
+
+def _listed(top: Table, key: str) -> list[tuple[dict[str, Any], str]]:
+    """Each table of [[KEY]] with its name for messages."""
+    named = []
+    for number, values in enumerate(top.tables(key, key), 1):
         name = values.get("name")
-        where = f"[[body]] {number}" + (f' "{name}"' if isinstance(name, str) else "")
-        bodies.append(read_body(Table(values, where, BODY_KEYS), folder))
-    return bodies
+        named.append((values, f"[[{key}]] {number}" + (f' "{name}"' if isinstance(name, str) else "")))
+    return named
 
 
 def _steps(time: Table, dt: float) -> int:

@@ -8,17 +8,9 @@ import jax.numpy as jnp
 from jaxfem.model import Pattern
 from jaxfem.routes.assembly import BlockMatrix
 from jaxfem.routes.stiff import with_clusters
-from jaxfem.tensors import determinant, matrix_of
+from jaxfem.tensors import determinant, inverse_blocks, matrix_of
 
 Array = jax.Array
-
-
-def inverse_blocks(blocks: Array) -> Array:
-    """Inverses of symmetric 3x3 blocks (n, 3, 3), by cofactors."""
-    rows = [blocks[:, i] for i in range(3)]
-    cofactors = [jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
-    determinant = jnp.sum(rows[0] * cofactors[0], -1)
-    return jnp.stack(cofactors, -1) / determinant[:, None, None]
 
 
 def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array) -> Array:

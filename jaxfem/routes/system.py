@@ -26,6 +26,8 @@ class System:
     `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left; `positions` (n, 3) at the start of
     the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`). `coupling`:
     what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
+    With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
+    of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
     """
 
     rows: tuple[Rows, ...]
@@ -41,6 +43,8 @@ class System:
     coarse: Any
     coupling: MassCoupling | None = None
     before: Array | None = None
+    inertia: Array | None = None
+    friction: tuple = ()
 
 
 def step_system(

@@ -41,9 +41,17 @@ class PointRows:
         parts = jnp.einsum("mrk,mr->mk", self.jacobian, impulses).reshape(*self.triples.shape, 3)
         return jnp.zeros((self.unknowns, 3), parts.dtype).at[self.triples].add(parts)
 
-    def diagonal(self, inverse_mass: Array) -> Array:
-        """Diagonal of J M^-1 J' for inverse masses (n,): (m, r). Repeated triples are summed first."""
+    def diagonal(self, inverse_mass: Array, inverse_inertia: Array | None = None) -> Array:
+        """Diagonal of J M^-1 J': (m, r). Repeated triples are summed first.
+
+        `inverse_mass` (n,); `inverse_inertia` (b, 3, 3) adds blocks on the last b triples, whose scalars are then zero.
+        """
         m, r, _ = self.jacobian.shape
         parts = self.jacobian.reshape(m, r, -1, 3)
-        same = (self.triples[:, :, None] == self.triples[:, None, :]) * inverse_mass[self.triples][:, :, None]
+        same = self.triples[:, :, None] == self.triples[:, None, :]
+        if inverse_inertia is not None:
+            scalars = inverse_mass[:, None, None] * jnp.eye(3, dtype=inverse_mass.dtype)
+            blocks = scalars.at[self.unknowns - inverse_inertia.shape[0] :].add(inverse_inertia)[self.triples]
+            return jnp.einsum("mrai,maij,mrbj,mab->mr", parts, blocks, parts, same.astype(parts.dtype))
+        same = same * inverse_mass[self.triples][:, :, None]
         return jnp.einsum("mrai,mrbi,mab->mr", parts, parts, same)

@@ -1,0 +1,113 @@
+"""The joint grid: a heavy net of ball joints.  python benchmarks/joint_grid.py [--steps N] [--quick] [--out FOLDER]
+
+20x20 unit spheres in a net 1 m apart, four corners fixed, a chain of 16 from each: 6800 bodies, 7160 joints, 21,480
+rows, from rest, dt 1/60 s, relative residual 1e-4 (Benevolensky & Voroshilov 2009, section 3.7; radius 0.5 m, 1 kg).
+Gaps are distances between the two anchors of a joint, over the whole run. PGS is compared on the first step, the
+easiest one: its residual after the last sweep is given too. Run it with one core (taskset -c 0,
+intra_op_parallelism_threads=1) to compare with other engines.
+"""
+
+import argparse
+import json
+import pathlib
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+from machine import describe, first_time, median_time  # noqa: E402
+
+import jaxfem as jf  # noqa: E402
+from jaxfem.routes.coupled import configuration  # noqa: E402
+
+SIDE, CHAIN, DT, TOLERANCE = 20, 16, 1 / 60, 1e-4
+
+
+def grid(dtype, side=SIDE, chain=CHAIN, **build):
+    """Model, params, state and the joints' number."""
+    corners = {(0, 0), (0, side - 1), (side - 1, 0), (side - 1, side - 1)}
+    net = {
+        (i, j): jf.RigidBody(jf.Sphere(0.5), mass=1.0, position=(i, j, 0.0), fixed=(i, j) in corners)
+        for i in range(side)
+        for j in range(side)
+    }
+    bodies, joints = list(net.values()), []
+    for (i, j), body in net.items():
+        joints += [jf.BallJoint(body, net[i + 1, j], (i + 0.5, j, 0.0))] if i + 1 < side else []
+        joints += [jf.BallJoint(body, net[i, j + 1], (i, j + 0.5, 0.0))] if j + 1 < side else []
+        above = body
+        for k in range(chain):
+            below = jf.RigidBody(jf.Sphere(0.5), mass=1.0, position=(i, j, -(k + 1.0)))
+            joints.append(jf.BallJoint(above, below, (i, j, -(k + 0.5))))
+            bodies.append(below)
+            above = below
+    settings = {"tolerance": TOLERANCE, "max_iterations": 5000, "dtype": dtype, **build}
+    return jf.build(jf.Scene(bodies, joints=joints), **settings)
+
+
+def largest_gap(model, states):
+    """Largest distance between two anchors over all saved states [m]."""
+    (lock,) = model.joints.values()
+
+    def gap(state):
+        at = configuration(state)
+        return jnp.linalg.norm(lock.b.placed(at).position - lock.a.placed(at).position, axis=-1).max()
+
+    return float(jax.lax.map(gap, states).max())
+
+
+def measure(dtype, steps, repeats, **build):
+    model, params, state = grid(dtype, **build)
+
+    def run():
+        return jf.rollout(model, params, state, DT, steps)
+
+    compile_s = first_time(run)
+    seconds = median_time(run, repeats)
+    states, info = run()
+    return {
+        "ms_per_step": 1e3 * seconds / steps,
+        "largest_gap": largest_gap(model, states),
+        "iterations": float(jnp.median(info.iterations)),
+        "most_iterations": int(info.iterations.max()),
+        "status": int(info.status.max()),
+        "steps": steps,
+        "lowest": float(states.rigid.positions[..., 2].min()),
+        "first_call_s": compile_s,
+    }
+
+
+def compare_first_step(dtype, sweeps):
+    """Iterations, time and residual of the first step by both solvers; Gauss-Seidel for so many sweeps at most."""
+    figures = {}
+    for solver, limit in (("mprgp", 20_000), ("pgs", sweeps)):
+        model, params, state = grid(dtype, solver=solver, max_iterations=limit)
+        seconds = median_time(lambda m=model, p=params, s=state: jf.step(m, p, s, DT), 1)
+        _, info = jf.step(model, params, state, DT)
+        figures[f"{solver}_ms_first_step"] = 1e3 * seconds
+        figures[f"{solver}_iterations_first_step"] = int(info.iterations)
+        figures[f"{solver}_residual_first_step"] = float(info.residual)
+    figures["pgs_ms_per_step"] = figures["pgs_ms_first_step"]
+    figures["pgs_iterations"] = figures["pgs_iterations_first_step"]
+    return figures
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--steps", type=int, default=600, help="steps of 1/60 s (600)")
+    parser.add_argument("--quick", action="store_true", help="one run, 30 steps")
+    parser.add_argument("--out", type=pathlib.Path, help="folder for joint_grid.json")
+    arguments = parser.parse_args()
+    steps = 30 if arguments.quick else arguments.steps
+    figures = measure(jnp.float32, steps, 1)
+    figures |= compare_first_step(jnp.float32, 200 if arguments.quick else 5000)
+    figures["machine"] = describe()
+    if arguments.out:
+        arguments.out.mkdir(parents=True, exist_ok=True)
+        (arguments.out / "joint_grid.json").write_text(json.dumps(figures, indent=2) + "\n")
+    print(json.dumps(figures))
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,63 @@
+"""The coupled part of `build`: rigid bodies, joints and contacts added to a model of soft bodies."""
+
+from collections.abc import Sequence
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.coupling.bodies import BodyIndex, rigid_parts
+from jaxfem.coupling.contacts import contact_parts
+from jaxfem.coupling.joints import joint_parts
+from jaxfem.declared import RigidBody, SceneError
+from jaxfem.model import Model, Params, State
+from jaxfem.routes.coupled import coupled_system
+from jaxfem.scene import Scene
+
+
+def with_coupling(
+    scene: Scene, names: Sequence[str], model: Model, params: Params, state: State
+) -> tuple[Model, Params, State]:
+    """Model, params and state with all that the scene declares beside soft bodies; unchanged where it declares none.
+
+    `names`: unique names of all bodies, in the scene's order.
+    """
+    rigid, dtype = scene.rigid, model.rest.dtype
+    if not (rigid or scene.joints or scene.contacts):
+        if model.solver == "pgs":
+            raise SceneError('solver "pgs" is for scenes with rigid bodies, joints or contacts: use "auto" here')
+        return model, params, state
+    own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
+    index = BodyIndex(scene.soft, model.bodies, rigid, own)
+    if rigid:
+        bodies, values, start = rigid_parts(rigid, own, index, dtype)
+        model, params = model.replace(rigid=bodies), params.replace(rigid=values)  # type: ignore[attr-defined]
+        state = state.replace(rigid=start)  # type: ignore[attr-defined]
+    if model.mass != "lumped":
+        raise SceneError(
+            f'mass = "{model.mass}" is for soft bodies alone; rigid bodies, joints and contacts need "lumped"'
+        )
+    if model.scheme != "backward_euler":
+        raise SceneError(
+            f'scheme "{model.scheme}" is for soft bodies alone; rigid bodies, joints and contacts need "backward_euler"'
+        )
+    if model.solver == "pgs" and any(body.strain != "element" for body in scene.soft):
+        raise SceneError('solver "pgs" visits rows of single elements: use strain = "element", or another solver')
+    joints, softness = joint_parts(scene.joints, index, dtype)
+    contacts, roughness = contact_parts(scene.contacts, index, dtype)
+    model = model.replace(  # type: ignore[attr-defined]
+        joints=joints, contacts=contacts, solver=_solver(model.solver)
+    )
+    params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
+    return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
+
+
+def _solver(asked: str) -> str:
+    return "pgs" if asked == "pgs" else "mprgp"
+
+
+def _no_impulses(model: Model, params: Params, state: State) -> tuple:
+    """Zero impulses of all rows of a step, in their shapes."""
+    bare = state.replace(impulses=None)  # type: ignore[attr-defined]
+    step = jnp.ones((), model.rest.dtype)
+    shapes = jax.eval_shape(lambda: tuple(rows.bias for rows in coupled_system(model, params, bare, step).rows))
+    return tuple(jnp.zeros(each.shape, each.dtype) for each in shapes)

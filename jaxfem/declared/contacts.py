@@ -1,0 +1,39 @@
+"""Contacts as a user declares them: which two things may touch, and how rough and bouncy they are."""
+
+import dataclasses
+from typing import Any
+
+from jaxfem.declared.errors import SceneError, checked_number
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class Contact:
+    """`a` and `b` do not pass through each other.
+
+    `a`: a body of the scene (the object or its name). `b`: another body, or ground: a `Plane`, a `HeightField` or a
+    `SignedDistance`. A soft body touches with the `nodes` of its surface (all, or a selection), a rigid one with what
+    its shape's `features` lists. `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after
+    an impact over speed before. `margin` [m]: pairs further apart than this, beyond what they approach within the step,
+    take no part (a twentieth of a's size without it). Raises SceneError.
+    """
+
+    a: Any
+    b: Any
+    friction: float = 0.5
+    restitution: float = 0.0
+    margin: float | None = None
+    nodes: Any = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        if self.a is None or self.b is None:
+            raise SceneError(f'"{self.label}" needs two partners; ground is a Plane, a HeightField or a SignedDistance')
+        checked_number(f'friction of "{self.label}"', self.friction, low=0)
+        checked_number(f'restitution of "{self.label}"', self.restitution, low=0, high=1)
+        if self.margin is not None:
+            checked_number(f'margin of "{self.label}"', self.margin, low=0, open_low=True)
+
+    @property
+    def label(self) -> str:
+        """The contact's name in messages."""
+        return self.name or "Contact"

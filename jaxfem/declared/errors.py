@@ -1,0 +1,44 @@
+"""The error of a declaration that cannot be right, and checks that several declarations share."""
+
+from typing import Any
+
+import numpy as np
+
+
+class SceneError(ValueError):
+    """A declaration that cannot be built; the message names the body, what is wrong and what to do."""
+
+
+def checked_vector(what: str, value: Any, length: int = 3) -> np.ndarray:
+    """`value` as `length` finite numbers; SceneError names `what`."""
+    try:
+        array = np.asarray(value, dtype=np.float64)
+    except (TypeError, ValueError):
+        array = np.full(0, np.nan)
+    if array.shape != (length,) or not np.isfinite(array).all():
+        words = {3: "three", 4: "four"}.get(length, str(length))
+        raise SceneError(f"{what} is {value!r}; give {words} finite numbers")
+    return array
+
+
+def checked_direction(what: str, value: Any) -> np.ndarray:
+    """`value` as a unit vector (3,)."""
+    array = checked_vector(what, value)
+    length = np.linalg.norm(array)
+    if length == 0:
+        raise SceneError(f"{what} is all zeros; give a direction")
+    return array / length
+
+
+def checked_number(what: str, value: Any, low: float = -np.inf, high: float = np.inf, open_low: bool = False) -> float:
+    """`value` as one number between `low` and `high` (above `low` if `open_low`); infinite only where a limit is."""
+    wanted = f"more than {low:g}" if open_low else f"at least {low:g}" if low > -np.inf else "a number"
+    if high < np.inf:
+        wanted += f" and at most {high:g}"
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise SceneError(f"{what} is {value!r}; give {wanted}") from None
+    if not (low <= number <= high) or (open_low and number == low):
+        raise SceneError(f"{what} is {number:g}; it must be {wanted}")
+    return number

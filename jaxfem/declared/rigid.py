@@ -1,0 +1,77 @@
+"""A rigid body as a user declares it."""
+
+import dataclasses
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+
+from jaxfem.bodies.shapes import SOLIDS
+from jaxfem.declared.errors import SceneError, checked_number, checked_vector
+from jaxfem.motion import Motion
+
+
+@dataclasses.dataclass(frozen=True, eq=False)
+class RigidBody:
+    """A rigid body: a shape (`Sphere`, `Box`, `Capsule`, `Cylinder`, `TriangleMesh`), its mass and its start.
+
+    `density` [kg/m^3] or `mass` [kg], one of them; `inertia` (3, 3) [kg m^2] about the centre of mass in the shape's
+    frame, the shape's own without it. `position` (3,) [m] of the shape's origin and `orientation`, a quaternion, scalar
+    first; `velocity` of the centre of mass [m/s] and `angular_velocity` [rad/s], in the world frame. `fixed`: it never
+    moves; `motion`: it follows a prescribed motion. Raises SceneError.
+    """
+
+    shape: Any
+    density: Any = None
+    mass: Any = None
+    position: Any = (0.0, 0.0, 0.0)
+    orientation: Any = (1.0, 0.0, 0.0, 0.0)
+    velocity: Any = (0.0, 0.0, 0.0)
+    angular_velocity: Any = (0.0, 0.0, 0.0)
+    fixed: bool = False
+    motion: Motion | None = None
+    inertia: Any = None
+    name: str | None = None
+
+    def __post_init__(self) -> None:
+        label = self.label
+        if not isinstance(self.shape, SOLIDS):
+            known = ", ".join(each.__name__ for each in SOLIDS)
+            raise SceneError(f'shape of "{label}" is a {type(self.shape).__name__}; a rigid body is one of {known}')
+        for field in dataclasses.fields(self.shape):
+            size = np.asarray(getattr(self.shape, field.name))
+            if field.name != "points" and field.name != "triangles":
+                if not (np.issubdtype(size.dtype, np.number) and np.isfinite(size).all() and (size > 0).all()):
+                    raise SceneError(f'{field.name} of "{label}" is {size.tolist()}; lengths must be positive, in m')
+        if (self.density is None) == (self.mass is None):
+            raise SceneError(f'"{label}" needs `density` in kg/m^3 or `mass` in kg, one of them')
+        for what in ("density", "mass"):
+            if getattr(self, what) is not None:
+                checked_number(f'{what} of "{label}"', getattr(self, what), low=0, open_low=True)
+        for what in ("position", "velocity", "angular_velocity"):
+            checked_vector(f'{what} of "{label}"', getattr(self, what))
+        if np.linalg.norm(checked_vector(f'orientation of "{label}"', self.orientation, 4)) == 0:
+            raise SceneError(f'orientation of "{label}" is all zeros; a quaternion is (1, 0, 0, 0) where nothing turns')
+        if self.motion is not None and (self.fixed or not isinstance(self.motion, Motion)):
+            raise SceneError(f'motion of "{label}": give a Motion(...), and not `fixed` as well')
+        self._check_inertia()
+
+    @property
+    def label(self) -> str:
+        """The body's name in messages and files: its own, or its shape's."""
+        return self.name or type(self.shape).__name__.lower()
+
+    @cached_property
+    def properties(self) -> tuple[float, np.ndarray, np.ndarray]:
+        """Mass [kg], centre of mass (3,) [m] in the shape's frame, inertia per mass about it (3, 3) [m^2]."""
+        volume, center, inertia = self.shape.mass_properties()
+        mass = float(self.mass if self.mass is not None else self.density * volume)
+        return mass, center, inertia if self.inertia is None else np.asarray(self.inertia, float) / mass
+
+    def _check_inertia(self) -> None:
+        if self.inertia is None:
+            return
+        inertia = np.asarray(self.inertia, float)
+        good = inertia.shape == (3, 3) and np.isfinite(inertia).all() and np.allclose(inertia, inertia.T)
+        if not good or np.linalg.eigvalsh(inertia).min() <= 0:
+            raise SceneError(f'inertia of "{self.label}" must be a symmetric positive definite (3, 3) matrix in kg m^2')

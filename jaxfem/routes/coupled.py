@@ -1,0 +1,152 @@
+"""A step of soft and rigid bodies, joints and contacts: one system on all triples.
+
+Rigid bodies add two triples each to the unknown: linear velocities, then angular ones (world frame). The angular blocks
+of the mass are the inertia at the middle of the step plus, where it must be, dt^2 times the geometric stiffness of the
+joints' pull: M' w = (I w)_old + dt torque + J' lam. All joint and contact rows follow the elastic ones.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.bodies.rigid import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
+from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import pytree, static
+from jaxfem.rotation import quaternion_to_matrix
+from jaxfem.routes.system import System, step_system
+from jaxfem.rows.attachments import Configuration
+from jaxfem.rows.contact import contact_rows
+from jaxfem.rows.joints import PointLock, tension_stiffness
+from jaxfem.rows.points import PointRows
+from jaxfem.tensors import inverse_blocks
+
+Array = jax.Array
+
+
+@pytree
+class Friction:
+    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
+
+    coefficient: Array
+    normal: int = static()
+    tangent: int = static()
+
+
+TRACE = {True: 1e-9, False: 1e-6}
+"""Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
+STIFFNESS_ONSET = 1.0
+"""dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
+
+
+def coupled_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None = None) -> System:
+    """The step's system on all triples: n nodes, b linear, b angular."""
+    soft = step_system(model, params, state, dt, forces)
+    at = configuration(state)
+    system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
+    rows: Any = soft.rows
+    elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
+    extra = [model.joints[name].rows(at, params.joints[name], dt) for name in sorted(model.joints)]
+    friction = []
+    for name in sorted(model.contacts):
+        values, speeds = params.contacts[name], (_velocities(state), system.target)
+        normal, tangent = contact_rows(model.contacts[name], at, values, dt, *speeds)
+        extra.append(normal)
+        if tangent is not None:
+            extra.append(tangent)
+            last = len(elastic) + len(extra) - 1
+            friction.append(Friction(values.friction, last - 1, last))
+    hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
+    return system.replace(rows=elastic + hardened, friction=tuple(friction))  # type: ignore[attr-defined]
+
+
+def _velocities(state: State) -> Array:
+    """Velocities of all triples at the start of the step."""
+    if state.rigid is None:
+        return state.velocities
+    return jnp.concatenate([state.velocities, state.rigid.velocities, state.rigid.angular_velocities])
+
+
+def configuration(state: State) -> Configuration:
+    """Where everything is at the start of the step."""
+    if state.rigid is None:
+        zero = jnp.zeros((0, 3), state.positions.dtype)
+        return Configuration(state.positions, zero, jnp.zeros((0, 3, 3), zero.dtype))
+    return Configuration(state.positions, state.rigid.positions, quaternion_to_matrix(state.rigid.orientations))
+
+
+def inverse_mass(system: System) -> tuple[Array, Array | None]:
+    """Inverse masses (n,), zero on what does not move and on angular triples, and angular blocks (b, 3, 3) or None."""
+    scalar = jnp.where(system.mass > 0, system.free / jnp.where(system.mass > 0, system.mass, 1), 0)
+    if system.inertia is None:
+        return scalar, None
+    bodies = system.inertia.shape[0]
+    return scalar, inverse_blocks(system.inertia) * system.free[-bodies:, None, None]
+
+
+def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> Array:
+    """M^-1 times (n, 3)."""
+    scalar, blocks = inverse
+    velocities = scalar[:, None] * momentum
+    if blocks is None:
+        return velocities
+    bodies = blocks.shape[0]
+    return velocities.at[-bodies:].set(jnp.einsum("bij,bj->bi", blocks, momentum[-bodies:]))
+
+
+def advance_rigid(model: Model, params: Params, state: State, velocities: Array, dt: Array) -> Any:
+    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies."""
+    if model.rigid is None or params.rigid is None or state.rigid is None:
+        return None
+    linear, angular = jnp.split(velocities[model.nodes :], 2)
+    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt)
+
+
+def _with_rigid(soft: System, model: Any, params: Any, state: Any, dt: Array, at: Configuration) -> System:
+    bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
+    inertia = world_inertia(bodies, mass, midway(bodies, rigid, dt))
+    inertia = inertia + dt**2 * _needed_stiffness(model, state, inertia, dt, at)
+    spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), angular_momentum(bodies, mass, rigid))
+    linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
+    free = bodies.free[:, None] > 0
+    targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, spin, angular)
+    return soft.replace(  # type: ignore[attr-defined]
+        mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
+        target=jnp.concatenate([soft.target, *targets]),
+        prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
+        free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
+        inertia=inertia,
+    )
+
+
+def _needed_stiffness(model: Model, state: State, inertia: Array, dt: Array, at: Configuration) -> Array:
+    """Geometric stiffness of point joints with their last impulses, as far as stability asks for it: (b, 3, 3).
+
+    K (1 - onset / x)+ with x = dt^2 |I^-1 K| (Frobenius): nothing where the step resolves the motion, and elsewhere
+    just enough to keep the explicit remainder at the onset.
+    """
+    total = jnp.zeros_like(inertia)
+    if state.impulses is None:
+        return total
+    for name, impulse in zip(sorted(model.joints), state.impulses[len(model.domains) :], strict=False):
+        lock = model.joints[name]
+        if isinstance(lock, PointLock):
+            total = total + tension_stiffness(lock, impulse / dt, at)
+    ratio = jnp.einsum("bij,bjk->bik", inverse_blocks(inertia), total)
+    square = jnp.sum(ratio**2, (1, 2))
+    size = dt**2 * jnp.sqrt(jnp.where(square > 0, square, 1))
+    share = jnp.where((square > 0) & (size > STIFFNESS_ONSET), 1 - STIFFNESS_ONSET / size, 0)
+    return share[:, None, None] * total
+
+
+def _hardened(rows: PointRows, scalar: Array, blocks: Array | None) -> PointRows:
+    """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer.
+
+    1e-9 (1e-6 in single precision) of a row's own effective inverse mass: the stiffness is that of the mass at the
+    step's frequency times 1e9. Rows that move nothing get 1.
+    """
+    diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
+    trace = TRACE[diagonal.dtype.itemsize > 4]
+    return rows.replace(  # type: ignore[attr-defined]
+        compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1)
+    )

@@ -1,0 +1,181 @@
+"""Contact and friction: candidate pairs of fixed number, each a normal row and, where it is rough, two tangential ones.
+
+A normal row keeps the gap g of a pair from closing within the step (it acts before they touch, so nothing tunnels):
+    J v - c  complementary to  lam >= 0,   c = -g / dt  for g >= 0,   -PUSH g / dt  for g < 0,
+or c = -e (J v)_old, if larger, where an impact is due. Friction rows are bounded by mu times the normal impulse; the
+route sees to that. Pairs that cannot meet are switched off by a zero row.
+"""
+
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree, static
+from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
+from jaxfem.rows.points import PointRows
+from jaxfem.rows.triangles import nearest_triangle
+
+Array = jax.Array
+
+PUSH = 0.2
+"""Share of a penetration that a step takes back: all at once would throw bodies that start inside each other."""
+
+
+@pytree
+class ContactValues:
+    """What users differentiate of m candidates: `friction` (m,) and `restitution` (m,)."""
+
+    friction: Any
+    restitution: Any
+
+
+@pytree
+class Pairs:
+    """m candidates: `gap` (m,) [m], `normal` (m, 3) from b to a, and a's velocity less b's (its position is unused)."""
+
+    gap: Array
+    normal: Array
+    relative: Placed
+
+
+class Candidates(Protocol):
+    """m candidate pairs of one kind."""
+
+    @property
+    def rough(self) -> bool:
+        """Whether they have friction rows."""
+
+    @property
+    def margin(self) -> Array:
+        """Distance (m,) [m] from which a pair takes part."""
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """Where they are."""
+
+
+@pytree
+class ShapeContacts:
+    """Points of bodies against shapes that have a signed distance: rigid bodies' own, or ground.
+
+    `points` (m); `radius` (m,) of the ball around each; `shape`: one for all pairs if `shared`, else its leaves lead
+    with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): the shape's
+    origin from the body's centre of mass.
+    """
+
+    points: Any
+    radius: Any
+    shape: Any
+    body: Any
+    margin: Any
+    rough: bool = static()
+    shared: bool = static()
+    names: tuple[str, ...] = static(default=())
+
+    @property
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        return f"{self.points.kind}-{'ground' if self.body is None else 'rigid'} {type(self.shape).__name__.lower()}"
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """The normal is the gradient of the distance; both sides push at the middle of the gap, or at a's node."""
+        placed = self.points.placed(at)
+        gap, normal = self._distance(placed.position, at)
+        gap = gap - self.radius
+        if isinstance(self.points, RigidPoint):
+            middle = placed.position - normal * (self.radius + gap / 2)[:, None]
+            placed = moving_with_body(at, self.points.body, middle)
+        if self.body is None:
+            return Pairs(gap, normal, placed)
+        return Pairs(gap, normal, difference(moving_with_body(at, self.body, placed.position), placed))
+
+    def _distance(self, places: Array, at: Configuration) -> tuple[Array, Array]:
+        def one(shape: Any, place: Array) -> Array:
+            return shape.distance(place)
+
+        measure = jax.vmap(jax.value_and_grad(one, argnums=1), in_axes=(None if self.shared else 0, 0))
+        if self.body is None:
+            return measure(self.shape, places)
+        turn = at.rotations[self.body]
+        gap, normal = measure(self.shape, jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body]))
+        return gap, jnp.einsum("mij,mj->mi", turn, normal)
+
+
+@pytree
+class SurfaceContacts:
+    """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
+
+    `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
+    the triangle's normal.
+    """
+
+    points: SoftPoint
+    triangles: Any
+    margin: Any
+    rough: bool = static()
+    names: tuple[str, ...] = static(default=())
+
+    @property
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        return f"soft-soft {self.triangles.shape[1]}"
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
+        placed = self.points.placed(at)
+        chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles)
+        other = SoftPoint(chosen, weights).placed(at)
+        gap = jnp.sum((placed.position - other.position) * normal, -1)
+        return Pairs(gap, normal, difference(other, placed))
+
+
+def contact_rows(
+    candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, free: Array
+) -> tuple[PointRows, PointRows | None]:
+    """Normal rows (m, 1) and tangential rows (m, 2), None where nothing is rough.
+
+    `before` (n, 3): velocities at the start of the step; `free`: those that it would end with without any row.
+    """
+    pairs = candidates.pairs(at)
+    triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
+    normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
+    approach, coming = (_rates(normal, triples, v) for v in (before, free))
+    on = pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) < candidates.margin
+    bias = _wanted_rate(pairs.gap, approach, coming, values.restitution, dt)
+    zero = jnp.zeros_like(bias)[:, None]
+    upright = PointRows(
+        triples,
+        normal * on[:, None, None],
+        zero,
+        jnp.where(on, bias, 0)[:, None],
+        unknowns=at.unknowns,
+        lower=zero,
+        upper=jnp.where(on[:, None], jnp.inf, 0),
+    )
+    if not candidates.rough:
+        return upright, None
+    across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * on[:, None, None]
+    none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
+    return upright, PointRows(triples, across, none, none, unknowns=at.unknowns, lower=none, upper=none)
+
+
+def tangents(normal: Array) -> Array:
+    """Two directions across each normal (m, 3): (m, 2, 3), orthonormal."""
+    axis = jnp.where(jnp.abs(normal[:, :1]) < 0.8, jnp.eye(3, dtype=normal.dtype)[0], jnp.eye(3, dtype=normal.dtype)[1])
+    first = axis - jnp.sum(axis * normal, -1, keepdims=True) * normal
+    first = first / jnp.linalg.norm(first, axis=-1, keepdims=True)
+    return jnp.stack([first, jnp.cross(normal, first)], 1)
+
+
+def _rates(normal: Array, triples: Array, velocities: Array) -> Array:
+    return jnp.einsum("mk,mk->m", normal[:, 0], velocities[triples].reshape(normal.shape[0], -1))
+
+
+def _wanted_rate(gap: Array, approach: Array, coming: Array, restitution: Array, dt: Array) -> Array:
+    """c of the normal rows. An impact is due where the gap would close faster than two steps of force explain.
+
+    A pair that bounces turns back within the step, up to one step's way before it touches; one that does not, arrives.
+    """
+    rate = -jnp.where(gap >= 0, gap, PUSH * gap) / dt
+    impact = (restitution > 0) & (gap + dt * coming < 0) & (approach < -2 * jnp.abs(coming - approach))
+    return jnp.where(impact, jnp.maximum(rate, -restitution * approach), rate)

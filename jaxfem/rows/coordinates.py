@@ -1,0 +1,169 @@
+"""Joint coordinates (an angle, a travel, a distance) and what acts on them: limits, motors, ropes.
+
+Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows act along it.
+"""
+
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import pytree, static
+from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
+from jaxfem.rows.joints import Softness, along_axes, spring_rows
+from jaxfem.rows.points import PointRows
+
+Array = jax.Array
+
+
+@pytree
+class Measured:
+    """Values (m,) of a coordinate, and rates as jacobian (m, 1, 3 k) on triples (m, k)."""
+
+    value: Array
+    triples: Array
+    jacobian: Array
+
+
+class Coordinate(Protocol):
+    """m coordinates of one kind."""
+
+    def measured(self, at: Configuration) -> Measured:
+        """Where they are."""
+
+
+@pytree
+class Angle:
+    """Angle [rad] of frame `b` about the common third axis, from frame `a`; between -pi and pi."""
+
+    a: Frame
+    b: Frame
+
+    def measured(self, at: Configuration) -> Measured:
+        """atan2 of b's first axis along a's second and first."""
+        axes, other = self.a.axes(at), self.b.axes(at)
+        triples, spin = relative_spin(self.a, self.b, at)
+        along = jnp.einsum("mij,mi->mj", axes, other[:, :, 0])
+        rate = jnp.einsum("mi,mik->mk", axes[:, :, 2], spin)
+        return Measured(jnp.arctan2(along[:, 1], along[:, 0]), triples, rate[:, None])
+
+
+@pytree
+class Travel:
+    """How far [m] point `b` is from point `a` along the third axis of `frame`."""
+
+    a: Point
+    b: Point
+    frame: Frame
+
+    def measured(self, at: Configuration) -> Measured:
+        """The third component."""
+        value, triples, jacobian = along_axes(self.a.placed(at), self.b.placed(at), self.frame, at)
+        return Measured(value[:, 2], triples, jacobian[:, 2:])
+
+
+@pytree
+class Separation:
+    """Distance [m] between points `a` and `b`."""
+
+    a: Point
+    b: Point
+
+    def measured(self, at: Configuration) -> Measured:
+        """Its rate: the difference of velocities along the line; zero where the points coincide."""
+        gap = difference(self.a.placed(at), self.b.placed(at))
+        square = jnp.sum(gap.position**2, -1)
+        size = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+        direction = gap.position / jnp.where(size > 0, size, 1)[:, None]
+        return Measured(size, gap.triples, jnp.einsum("mi,mik->mk", direction, gap.jacobian)[:, None])
+
+
+@pytree
+class LengthValues:
+    """`length` (m,) [m] of distance joints and ropes, beside their softness."""
+
+    length: Any
+    compliance: Any
+    damping: Any
+
+
+@pytree
+class Distance:
+    """The coordinate is held at its length; a `rope` only pulls, when it is longer."""
+
+    coordinate: Coordinate
+    names: tuple[str, ...] = static(default=())
+    rope: bool = static(default=False)
+
+    def rows(self, at: Configuration, values: LengthValues, dt: Array) -> PointRows:
+        """One row; a rope's impulse is at most zero."""
+        s = self.coordinate.measured(at)
+        gap = (s.value - values.length)[:, None]
+        rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, dt)
+        if not self.rope:
+            return rows
+        return rows.replace(lower=jnp.full_like(gap, -jnp.inf), upper=jnp.zeros_like(gap))
+
+
+@pytree
+class LimitValues:
+    """`low` and `high` (m,) [rad or m], beside the limits' softness."""
+
+    low: Any
+    high: Any
+    compliance: Any
+    damping: Any
+
+
+@pytree
+class Limit:
+    """The coordinate stays between its limits: one row for each, pushing only inwards."""
+
+    coordinate: Coordinate
+    names: tuple[str, ...] = static(default=())
+
+    def rows(self, at: Configuration, values: LimitValues, dt: Array) -> PointRows:
+        """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off."""
+        s = self.coordinate.measured(at)
+        low, high = values.low, values.high
+        on = jnp.stack([jnp.isfinite(low), jnp.isfinite(high)], -1)
+        gap = jnp.where(on, s.value[:, None] - jnp.where(on, jnp.stack([low, high], -1), 0), 0)
+        jacobian = s.jacobian * on[:, :, None]
+        rows = spring_rows(gap, s.triples, jacobian, Softness(values.compliance, values.damping), at, dt)
+        zero, far = jnp.zeros_like(gap[:, :1]), jnp.full_like(gap[:, :1], jnp.inf)
+        lower, upper = jnp.concatenate([zero, -far], -1), jnp.concatenate([far, zero], -1)
+        return rows.replace(lower=jnp.where(on, lower, 0), upper=jnp.where(on, upper, 0))
+
+
+@pytree
+class MotorValues:
+    """`target` (m,) [rad/s or m/s; rad or m of a position motor], `strength` (m,) [N m or N], at most; softness."""
+
+    target: Any
+    strength: Any
+    compliance: Any
+    damping: Any
+
+
+@pytree
+class Motor:
+    """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
+
+    coordinate: Coordinate
+    names: tuple[str, ...] = static(default=())
+    position: bool = static(default=False)
+
+    def rows(self, at: Configuration, values: MotorValues, dt: Array) -> PointRows:
+        """One row, impulse between -strength dt and strength dt.
+
+        A rate motor's compliance is 1 / its damping gain: J v + C lam = target with C = compliance / dt.
+        """
+        s = self.coordinate.measured(at)
+        bound = dt * values.strength[:, None]
+        if self.position:
+            gap = (s.value - values.target)[:, None]
+            rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, dt)
+        else:
+            compliance = values.compliance[:, None] / dt
+            rows = PointRows(s.triples, s.jacobian, compliance, values.target[:, None], unknowns=at.unknowns)
+        return rows.replace(lower=-bound, upper=bound)

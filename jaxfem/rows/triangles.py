@@ -1,0 +1,54 @@
+"""The triangle nearest to each of some points, of those that it may meet."""
+
+import jax
+import jax.numpy as jnp
+
+Array = jax.Array
+
+
+def nearest_triangle(points: Array, nodes: Array, triangles: Array) -> tuple[Array, Array, Array]:
+    """For points (m, 3): the nearest (m, 3) of their `triangles` (m, t, 3) over `nodes` (n, 3), barycentric weights
+    (m, 3) of the nearest point on it, and its unit normal (m, 3).
+
+    The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
+    """
+    fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
+    nearest = jnp.argmin(_square_distances(fixed_points, fixed_nodes[triangles]), axis=1)
+    chosen = jnp.take_along_axis(triangles, nearest[:, None, None], axis=1)[:, 0]
+    a, b, c = (nodes[chosen[:, i]] for i in range(3))
+    normal = jnp.cross(b - a, c - a)
+    weights = _held(_weights(points, a, b, c))
+    return chosen, weights, normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
+
+
+def _square_distances(points: Array, corners: Array) -> Array:
+    """(m, t), to the nearest point of each triangle."""
+    a, b, c = (corners[:, :, i] for i in range(3))
+    p = points[:, None]
+    inside = _weights(p, a, b, c)
+    foot = inside[..., :1] * a + inside[..., 1:2] * b + inside[..., 2:] * c
+    plane = jnp.where(jnp.all(inside >= 0, -1), jnp.sum((p - foot) ** 2, -1), jnp.inf)
+    edges = [_edge_square(p, *pair) for pair in ((a, b), (b, c), (c, a))]
+    return jnp.minimum(plane, jnp.minimum(jnp.minimum(edges[0], edges[1]), edges[2]))
+
+
+def _weights(p: Array, a: Array, b: Array, c: Array) -> Array:
+    """Barycentric weights (..., 3) of the foot of the perpendicular on the triangle's plane."""
+    u, v, w = b - a, c - a, p - a
+    uu, uv, vv = jnp.sum(u * u, -1), jnp.sum(u * v, -1), jnp.sum(v * v, -1)
+    wu, wv = jnp.sum(w * u, -1), jnp.sum(w * v, -1)
+    area = uu * vv - uv * uv
+    s, t = (vv * wu - uv * wv) / area, (uu * wv - uv * wu) / area
+    return jnp.stack([1 - s - t, s, t], -1)
+
+
+def _held(weights: Array) -> Array:
+    """Weights moved into the triangle."""
+    inside = jnp.maximum(weights, 0)
+    return inside / jnp.sum(inside, -1, keepdims=True)
+
+
+def _edge_square(p: Array, a: Array, b: Array) -> Array:
+    along = b - a
+    t = jnp.clip(jnp.sum((p - a) * along, -1) / jnp.sum(along * along, -1), 0, 1)
+    return jnp.sum((p - a - t[..., None] * along) ** 2, -1)
