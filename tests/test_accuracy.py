@@ -128,7 +128,7 @@ def test_no_deformation_is_much_softer_than_in_plain_elements():
     energies, fields = np.linalg.eigh(plain)
     assert (energies[:6] < 1e-9 * energies[-1]).all()
     scaled = fields[:, 6:] / np.sqrt(energies[6:])
-    for strain, least in (("nodal_volume", 0.3), ("smoothed", 0.05)):
+    for strain, least in (("nodal_volume", 0.3), ("smoothed", 0.1)):
         other = host.stiffness(*free_cube(strain, 3, 6)).toarray()
         softest = np.linalg.eigvalsh(scaled.T @ other @ scaled)[0]
         assert softest > least, (strain, softest)
