@@ -12,6 +12,7 @@ from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
 from jaxfem.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.schemes import scheme_damping
 from jaxfem.statics import equilibrium
 from jaxfem.stepping import StepError, prepare, rollout, step
 from jaxfem.vibration import modes
@@ -66,6 +67,7 @@ __all__ = [
     "read_recording",
     "rollout",
     "rotation",
+    "scheme_damping",
     "solvers",
     "step",
 ]

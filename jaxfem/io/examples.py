@@ -12,6 +12,7 @@ gravity = [0.0, 0.0, -9.81]     # m/s^2
 step = {step:<25.10g}# s
 duration = {duration:<21.10g}# s; or: steps = {steps}
 save_every = {every:<19}# steps per written frame
+# scheme = "generalized_alpha"  # second order: adds next to no damping; rho_inf = 0.8, mass = "averaged"
 
 [solver]                        # all of it optional
 method = "auto"                 # or "condensed", "mprgp"
