@@ -94,15 +94,16 @@ def test_settings_are_read(folder):
 
 
 def test_the_example_of_the_real_beam(data, tmp_path, capsys):
-    """The example's own files on a coarser mesh and with fewer steps: a stiffness and a frequency of the right size."""
+    """The example's own files on a coarser mesh: a stiffness and a frequency of the right size."""
     scene = (EXAMPLES / "real_beam_scene.toml").read_text().replace("cells = [10, 3, 3]", "cells = [5, 1, 1]")
     (tmp_path / "real_beam_scene.toml").write_text(scene)
-    fit = (EXAMPLES / "real_beam.toml").read_text().replace("substeps = 8", "substeps = 2")
+    fit = (EXAMPLES / "real_beam.toml").read_text()
     (tmp_path / "real_beam.toml").write_text(fit)
     recording = data / "real_beam" / "gravity.csv"
     assert main(["fit", str(tmp_path / "real_beam.toml"), "--recording", str(recording), "--no-plots"]) == 0
     found = json.loads((tmp_path / "real_beam_fit" / "fitted.json").read_text())
-    # others found 264 kPa; one cell across is three times too stiff in bending, so the fit comes out as much below
-    assert 5e4 < found["values"]["young"] < 2.7e5
-    assert found["residual_rms_m"] < 8e-4 and found["release_s"] == pytest.approx(0.65)
+    # others found 264 kPa from the settled shape, and silicone is stiffer when it moves; here one cell across
+    assert 2e5 < found["values"]["young"] < 3.2e5
+    assert 1.5e-3 < found["values"]["damping"] < 4e-3
+    assert found["residual_rms_m"] < 4e-4 and found["release_s"] == pytest.approx(0.65)
     assert "warning" in capsys.readouterr().out
