@@ -1,15 +1,13 @@
 """Linear tetrahedra: constant shape gradients, deformation gradient, elastic strain in the element's rotated frame."""
 
-from collections.abc import Sequence
 from typing import Literal
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.pytrees import pytree
 from jaxfem.rotation import gram_schmidt_components, polar_components
-from jaxfem.tensors import Matrix3, from_eigenbasis, product, symmetric, times, to_eigenbasis, transposed
+from jaxfem.tensors import Matrix3, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 RotationKind = Literal["polar", "gram_schmidt"]
@@ -71,17 +69,3 @@ def rotated_strain(deformation: Matrix3, rotation: Matrix3) -> list[Array]:
     """Elastic strain sym(R'F) - I in the element's own frame: six coefficients (E,) in the eigenbasis."""
     stretch = symmetric(product(transposed(rotation), deformation))
     return to_eigenbasis([[stretch[i][j] - (1.0 if i == j else 0.0) for j in range(3)] for i in range(3)])
-
-
-def scatter_corner_forces(elements: Elements, forces: list[list[Array]], nodes: int) -> Array:
-    """Sum the forces on corners 1, 2, 3 ([corner][axis], each (E,)), and their reaction on corner 0, to (nodes, 3)."""
-    first = [-(forces[0][i] + forces[1][i] + forces[2][i]) for i in range(3)]
-    corners = jnp.stack([jnp.stack(f, -1) for f in [first, *forces]], 1)
-    return jnp.zeros((nodes, 3), corners.dtype).at[elements.cells].add(corners)
-
-
-def stress_force(elements: Elements, rotation: Matrix3, stress: Sequence[Array], nodes: int) -> Array:
-    """Nodal sums (nodes, 3) of R S grad N_a, S the symmetric matrix of the six coefficients `stress` (E,)."""
-    turned = product(rotation, from_eigenbasis(stress))
-    g = elements.gradients
-    return scatter_corner_forces(elements, [times(turned, [g[a, j] for j in range(3)]) for a in (1, 2, 3)], nodes)
