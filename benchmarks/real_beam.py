@@ -14,7 +14,7 @@ import re
 import jax
 import numpy as np
 from machine import describe
-from report import finish
+from report import finish, save
 
 jax.config.update("jax_enable_x64", True)
 
@@ -96,18 +96,23 @@ class Settled:
 
     def computed(self, young):
         """Mean height of the tip markers above their start [m], and its derivative in Young's modulus."""
-
-        def height(value):
-            rest, info = jf.equilibrium(self.model, self.params.replace(young=value), self.state)
-            moved = marker_positions(self.markers, rest.positions) - marker_positions(
-                self.markers, self.state.positions
-            )
-            return jnp.mean(moved[np.array(TIPS), 2]), info.status
-
-        (value, status), slope = jax.jit(jax.value_and_grad(height, has_aux=True))(jnp.asarray(young))
+        scene = self.model, self.params, self.state, self.markers
+        (value, status), slope = rest_height(jnp.asarray(young), *scene)
         if int(status):
             raise SystemExit(f"no equilibrium at E = {young:g} Pa: {jf.solvers.describe(status)}")
         return float(value), float(slope)
+
+
+@jax.jit  # one program for all takes: they differ in arrays only
+def rest_height(young, model, params, state, markers):
+    """((mean height of the tip markers at rest above their start [m], status), derivative in Young's modulus)."""
+
+    def height(value):
+        rest, info = jf.equilibrium(model, params.replace(young=value), state)
+        moved = marker_positions(markers, rest.positions) - marker_positions(markers, state.positions)
+        return jnp.mean(moved[np.array(TIPS), 2]), info.status
+
+    return jax.value_and_grad(height, has_aux=True)(young)
 
 
 def settled_young(takes, young):
@@ -133,18 +138,13 @@ def heights(takes, young):
     return out
 
 
-def more(folder, cells, gravity, near):
-    """What else the issue of accuracy asks: other steps, nu fitted, plain rows with backward Euler."""
-    return {
-        "dt_5ms": summary_of(fitted(beam(cells), gravity, 5e-3, near=near)),
-        "dt_2.5ms": summary_of(fitted(beam(cells), gravity, 2.5e-3, near=near)),
-        "with_poisson": summary_of(
-            fitted(beam(cells, 0.48), gravity, 1e-2, ("young", "poisson", "damping", "delay"), near)
-        ),
-        "plain_backward_euler": summary_of(
-            fitted(beam(cells, strain="element", scheme="backward_euler"), gravity, 1e-2)
-        ),
-    }
+def more(cells, gravity, near):
+    """What else there is to ask of one take: other steps, nu fitted, plain rows with backward Euler; one by one."""
+    nu = ("young", "poisson", "damping", "delay")
+    yield "dt_5ms", fitted(beam(cells), gravity, 5e-3, near=near)
+    yield "with_poisson", fitted(beam(cells, 0.48), gravity, 1e-2, nu, near)
+    yield "plain_backward_euler", fitted(beam(cells, strain="element", scheme="backward_euler"), gravity, 1e-2)
+    yield "dt_2.5ms", fitted(beam(cells), gravity, 2.5e-3, near=near)
 
 
 def draw(path, result):
@@ -184,8 +184,10 @@ def main():
     figures["predictions_from_settled_young"] = heights(takes, figures["settled_young"])
     together = settled_young(list(takes.values()), figures["young"])
     figures["settled_together"] = {"young": together, **heights(takes, together)}
-    if not chosen.quick:
-        figures |= more(chosen.folder, cells, gravity, result.values)
+    save("real_beam", figures, chosen.out)
+    for name, other in () if chosen.quick else more(cells, gravity, result.values):
+        figures[name] = summary_of(other)
+        save("real_beam", figures, chosen.out)
     if chosen.out:
         draw(chosen.out / "real_beam.png", result)
     finish("real_beam", figures, chosen.out)

@@ -16,10 +16,15 @@ def arguments(text: str) -> argparse.Namespace:
 
 def finish(name: str, figures: dict[str, Any], out: pathlib.Path | None) -> None:
     """Write NAME.json to the folder, and print the figures as the last line."""
+    save(name, figures, out)
+    print(json.dumps(figures))
+
+
+def save(name: str, figures: dict[str, Any], out: pathlib.Path | None) -> None:
+    """Write NAME.json to the folder, where one is given; long runs call it as they go."""
     if out:
         out.mkdir(parents=True, exist_ok=True)
         (out / f"{name}.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
 
 
 def line_plot(path: pathlib.Path, lines: dict[str, Any], xlabel: str, ylabel: str, linear: bool = False) -> None:
