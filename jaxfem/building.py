@@ -23,6 +23,7 @@ from jaxfem.routes.pattern import solver_order, sparsity
 from jaxfem.scene import Scene, SceneError, SoftBody
 from jaxfem.schemes import SCHEMES
 
+ROTATIONS = ("explicit", "implicit")
 SOLVERS = ("auto", "condensed", "mprgp", "pgs")
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
@@ -42,6 +43,7 @@ def build(
     scheme: str = "backward_euler",
     rho_inf: float = 0.8,
     mass: str = "lumped",
+    rotations: str = "explicit",
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
@@ -52,16 +54,19 @@ def build(
     soft bodies alone and the second where there are rigid bodies, joints or contacts. `scheme`: "backward_euler" (first
     order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1,
     of the highest frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
-    frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `dtype`:
-    float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64
-    and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known
-    bias.
+    frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `rotations`
+    of the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces:
+    one linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
+    far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
+    1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
+    (AccuracyWarning) of known bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
     _check_choice("solver", solver, SOLVERS)
     _check_choice("scheme", scheme, SCHEMES)
     _check_choice("mass", mass, MASSES)
+    _check_choice("rotations", rotations, ROTATIONS)
     if mass != "lumped" and solver == "mprgp":
         raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
     if not 0 <= rho_inf <= 1:
@@ -74,7 +79,7 @@ def build(
         _check_body(body, name)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass)
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations)
     params = _params(scene, bodies, dtype)
     starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
@@ -83,7 +88,7 @@ def build(
     return with_coupling(scene, every, model, params, state)
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass) -> Model:
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations):
     points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
     own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
@@ -127,6 +132,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         scheme=scheme,
         rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
         mass=mass,
+        rotations=rotations,
         bodies=tuple(names),
     )
 

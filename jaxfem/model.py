@@ -103,7 +103,9 @@ class Model:
     `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves by its own dynamics and 0 where it is
     fixed or driven, `driven`: node indices of each prescribed motion. `rho_inf`: what the second-order scheme
     leaves of the highest frequencies in a step. `coarse`: the preconditioner's dense part when `prepare` has built it,
-    else None. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name.
+    else None, and `frequencies` [rad/s] those whose damping by the scheme `info` reports. `rotations`: "explicit", or
+    "implicit" where they are iterated to the end of the step. `rigid`: the rigid bodies, None without;
+    `joints`, `contacts`: groups of rows by name.
     """
 
     rest: Array
@@ -122,8 +124,10 @@ class Model:
     scheme: str = static()
     rotation: RotationKind = static()
     mass: MassKind = static()
+    rotations: str = static()
     bodies: tuple[str, ...] = static()
     coarse: Any = None
+    frequencies: Array | None = None
     rigid: RigidSet | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -146,13 +150,18 @@ class Model:
 @pytree
 class StepInfo:
     """How a step went: `status` (see `jaxfem.solvers.describe`), `iterations`, relative `residual`, counts of rows
-    exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step."""
+    exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step.
+
+    `scheme_damping`: damping ratio that the time scheme itself gives to the frequencies that `prepare` was given, in
+    their shape; None without them.
+    """
 
     status: Array
     iterations: Array
     residual: Array
     weakly_active: Array
     inverted: Array
+    scheme_damping: Array | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

@@ -11,6 +11,7 @@ b = (1 - a_m + a_f)^2 / 4:
     x1 = x0 + dt v0 + dt^2 ((1/2 - b) a0 + b a1),   v1 = v0 + dt ((1 - g) a0 + g a1).
 """
 
+from functools import partial
 from typing import Any
 
 import jax
@@ -81,6 +82,14 @@ def alpha_stage(
     )
 
 
+def moved_to(stage: Stage, velocities: Array) -> Stage:
+    """The stage with its rows linearised where end-of-step `velocities` (n, 3) lead; the forces there are exact."""
+    place = stage.base + stage.reach * velocities
+    place = place if stage.ahead is None else place + stage.ahead
+    before = jnp.zeros_like(velocities) if stage.before is None else stage.before
+    return stage.replace(base=place, ahead=-stage.reach * velocities, before=before)  # type: ignore[attr-defined]
+
+
 def alpha_advance(
     positions: Array,
     velocities: Array,
@@ -108,26 +117,37 @@ def scheme_damping(scheme: str, frequencies: Any, dt: Any, rho_inf: Any = 0.8) -
     """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
 
     scheme: "backward_euler" or "generalized_alpha" (with its rho_inf). The shape of `frequencies` comes back.
-    From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|. Not differentiable.
+    From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|.
     """
     if scheme not in SCHEMES:
         raise ValueError(f"scheme is {scheme!r}; known: {', '.join(SCHEMES)}")
-    turn = jnp.atleast_1d(jnp.asarray(frequencies, float) * dt)
-    eigenvalue = 1 / (1 - 1j * turn) if scheme == "backward_euler" else _alpha_eigenvalue(turn, jnp.asarray(rho_inf))
-    exponent = jnp.log(eigenvalue)
-    return (-exponent.real / jnp.abs(exponent)).reshape(jnp.shape(frequencies))
+    turn = jnp.asarray(frequencies, float) * dt
+    slope = 1j / (1 - 1j * turn) if scheme == "backward_euler" else _alpha_slope(turn, jnp.asarray(rho_inf))
+    # z = 1 + turn u, and log |z| without the digits that |z| = 1 + small would lose.
+    decay = 0.5 * jnp.log1p(turn * (2 * slope.real + turn * jnp.abs(slope) ** 2))
+    angle = jnp.arctan2(turn * slope.imag, 1 + turn * slope.real)
+    return -decay / jnp.hypot(decay, angle)
 
 
-def _alpha_eigenvalue(turn: Array, rho: Array) -> Array:
-    """The oscillating eigenvalue of one step on a mode, with dt = 1: state (x, v, a)."""
+CONTINUATION = 12
+"""Parts in which the eigenvalue is followed from slow modes to the one asked for."""
+
+
+def _alpha_slope(turn: Array, rho: Array) -> Array:
+    """u = (z - 1) / turn for the oscillating eigenvalue z of one step on a mode with dt = 1, omega = `turn`.
+
+    z solves s^2 (1 + (1 - a_m) s) + turn^2 (1 + (1 - a_f) s) (1 + (g + 1/2) s + b s^2) = 0 with s = z - 1: followed
+    from u = i at turn = 0 by Newton's method.
+    """
     n = alpha_numbers(rho)
-    one, zero, square = jnp.ones_like(turn), jnp.zeros_like(turn), turn**2
-    new = [
-        [one, zero, -n.beta * one],
-        [zero, one, -n.gamma * one],
-        [square * (1 - n.force), zero, (1 - n.mass) * one],
-    ]
-    old = [[one, one, (0.5 - n.beta) * one], [zero, one, (1 - n.gamma) * one], [-square * n.force, zero, -n.mass * one]]
-    left, right = (jnp.moveaxis(jnp.array(m), -1, 0) for m in (new, old))
-    values = jnp.linalg.eigvals(jnp.linalg.solve(left, right))
-    return jnp.take_along_axis(values, jnp.argmax(values.imag, axis=-1)[:, None], axis=-1)[:, 0]
+
+    def polynomial(u: Array, at: Array) -> Array:
+        s = at * u
+        return u**2 * (1 + (1 - n.mass) * s) + (1 + (1 - n.force) * s) * (1 + (n.gamma + 0.5) * s + n.beta * s**2)
+
+    def trip(k: Array, u: Array) -> Array:
+        at = turn * jnp.minimum(1, (k // 3 + 1) / CONTINUATION)
+        value, slope = jax.jvp(partial(polynomial, at=at), (u,), (jnp.ones_like(u),))
+        return u - value / slope
+
+    return jax.lax.fori_loop(0, 3 * CONTINUATION + 3, trip, jnp.full(turn.shape, 1j))

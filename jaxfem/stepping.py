@@ -14,7 +14,8 @@ from jaxfem.routes.coupled import advance_rigid, coupled_system
 from jaxfem.routes.row_solve import solve_rows
 from jaxfem.routes.solution import solve_system
 from jaxfem.routes.system import external_force, step_system
-from jaxfem.schemes import alpha_advance
+from jaxfem.routes.turning import solve_turning
+from jaxfem.schemes import alpha_advance, scheme_damping
 from jaxfem.solvers.implicit import SOLUTION, or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.tensors import determinant
@@ -44,14 +45,17 @@ def _step(model: Model, params: Params, state: State, dt: Array, forces: Array |
     return _advance(model, params, state, dt, forces, _coarse(model, params, state, dt))
 
 
-def prepare(model: Model, params: Params, state: State, dt: Any) -> Model:
+def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies: Any = None) -> Model:
     """The model with the solver's preconditioner built in, for loops of your own over `step` [dt in s].
 
     Without it each call of `step` builds one (some milliseconds); `rollout` builds one for all its steps. It never
     changes a solution, only how fast it is found: prepare again after changing E, density or dt tenfold.
+    `frequencies` [rad/s], such as `jf.modes` finds: the info of each step then holds the damping ratio that the time
+    scheme gives to each (`info.scheme_damping`).
     """
-    params, state, dt_ = typed(model, params, state, dt)
+    params, state, dt_, frequencies = typed(model, params, state, dt, frequencies)
     check_call(model, params, state, dt)
+    model = model.replace(frequencies=frequencies)  # type: ignore[attr-defined]
     if model.coupled:
         return model
     return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
@@ -72,6 +76,8 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
     if model.coupled:
         system = coupled_system(model, params, state, dt, forces)
         unknown, (info, impulses) = solve_rows(system, state.impulses, model.solver)
+    elif model.rotations == "implicit":
+        unknown, impulses, info = solve_turning(model, params, state, dt, forces, coarse)
     else:
         system = step_system(model, params, state, dt, forces, coarse)
         unknown, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
@@ -85,9 +91,10 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         accelerations=accelerations,
         rigid=advance_rigid(model, params, state, unknown, dt),
     )
-    return following, StepInfo(
-        info.status, info.iterations, info.residual, info.weakly_active, inverted_elements(model, following.positions)
-    )
+    added = model.frequencies
+    added = None if added is None else scheme_damping(model.scheme, added, dt, model.rho_inf)
+    inverted = inverted_elements(model, following.positions)
+    return following, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted, added)
 
 
 def _moved(model: Model, state: State, velocities: Array, dt: Array) -> tuple[Array, Array | None]:

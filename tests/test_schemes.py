@@ -18,9 +18,9 @@ ALPHA = {"scheme": "generalized_alpha", "tolerance": 1e-11}
 
 
 @functools.cache
-def swinging(scheme):
+def swinging(scheme, rotations="explicit"):
     """A soft beam that falls through a large angle in 0.1 s: positions at the end, as a function of the steps."""
-    kind = {"scheme": scheme, "tolerance": 1e-11}
+    kind = {"scheme": scheme, "tolerance": 1e-11, "rotations": rotations}
     model, params, state = scenes.beam((4, 1, 1), young=8e4, damping=2e-3, build=kind)
 
     @jax.jit  # one program for all counts
@@ -33,11 +33,18 @@ def swinging(scheme):
     return lambda steps: np.asarray(end(steps))
 
 
-@pytest.mark.parametrize(("scheme", "order"), [("backward_euler", 1), ("generalized_alpha", 2)])
-def test_schemes_converge_at_their_order_with_damping(scheme, order):
+@pytest.mark.parametrize(
+    ("scheme", "rotations", "order"),
+    [
+        ("backward_euler", "explicit", 1),
+        ("generalized_alpha", "explicit", 2),
+        ("generalized_alpha", "implicit", 2),
+    ],
+)
+def test_schemes_converge_at_their_order_with_damping(scheme, rotations, order):
     exact = swinging("generalized_alpha")(4096)
     counts = (64, 128, 256) if order == 2 else (512, 1024, 2048)
-    errors = [np.abs(swinging(scheme)(n) - exact).max() for n in counts]
+    errors = [np.abs(swinging(scheme, rotations)(n) - exact).max() for n in counts]
     found = -np.polyfit(np.log(counts), np.log(errors), 1)[0]
     assert abs(found - order) < 0.15, (found, errors)
 
@@ -93,8 +100,109 @@ def test_scheme_damping_is_that_of_the_eigenvalues():
     alpha = scheme_damping("generalized_alpha", turn, 1.0, 0.8)
     assert (alpha[:2] < 1e-6).all() and alpha[2] < 2e-4
     assert (scheme_damping("generalized_alpha", turn, 1.0, 1.0) < 1e-9).all()
+    eigenvalue = 1 / (1 - 1j * turn)
+    exact = -np.log(np.abs(eigenvalue)) / np.abs(np.log(eigenvalue))
+    np.testing.assert_allclose(scheme_damping("backward_euler", turn, 1.0), exact, rtol=1e-10)
+    for rho in (0.0, 0.8):  # against the eigenvalues of the step's matrix, up to modes that a step does not resolve
+        fast = np.array([0.5, 3.0, 30.0])
+        largest = [max(alpha_matrix_eigenvalues(each, rho), key=lambda z: z.imag) for each in fast]
+        exact = -np.log(np.abs(largest)) / np.abs(np.log(largest))
+        np.testing.assert_allclose(scheme_damping("generalized_alpha", fast, 1.0, rho), exact, rtol=1e-7)
+    assert scheme_damping("generalized_alpha", np.float32(0.5), np.float32(1.0)).shape == ()
     with pytest.raises(ValueError, match="known: backward_euler, generalized_alpha"):
         scheme_damping("newmark", turn, 1.0)
+
+
+def alpha_matrix_eigenvalues(turn, rho):
+    """Of one step on an undamped mode with dt = 1 in (x, v, a), from the scheme's equations as they stand."""
+    m, f = (2 * rho - 1) / (rho + 1), rho / (rho + 1)
+    g, b = 0.5 - m + f, 0.25 * (1 - m + f) ** 2
+    new = np.array([[1, 0, -b], [0, 1, -g], [turn**2 * (1 - f), 0, 1 - m]])
+    old = np.array([[1, 1, 0.5 - b], [0, 1, 1 - g], [-(turn**2) * f, 0, -m]])
+    return np.linalg.eigvals(np.linalg.solve(new, old))
+
+
+def test_info_reports_the_schemes_own_damping():
+    model, params, state = scenes.beam((2, 1, 1), build=ALPHA)
+    frequencies, _ = jf.modes(model, params, state, 3)
+    assert jf.step(model, params, state, 1e-2)[1].scheme_damping is None
+    ready = jf.prepare(model, params, state, 1e-2, frequencies=frequencies)
+    _, info = jf.rollout(ready, params, state, 1e-2, 4, every=2)
+    expected = scheme_damping("generalized_alpha", frequencies, 1e-2, 0.8)
+    np.testing.assert_allclose(info.scheme_damping, np.tile(expected, (2, 1)), rtol=1e-12)
+    assert (np.diff(expected) > 0).all()
+
+
+@pytest.mark.parametrize("solver", ["condensed", "mprgp"])
+@pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
+def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver):
+    """M dv = dt f where the scheme takes its forces, with the exact corotated force; explicit ones miss that."""
+    from jaxfem.bodies.elasticity import viscoelastic_force
+    from jaxfem.model import domain_materials
+
+    dt, miss = 3e-2, {}
+    for rotations in ("explicit", "implicit"):
+        build = {"scheme": scheme, "solver": solver, "rotations": rotations, "tolerance": 1e-10}
+        model, params, state = scenes.beam((2, 1, 1), young=6e4, strain="smoothed", build=build)
+        state, _ = jf.step(model, params, state, dt)
+        end, info = jf.step(model, params, state, dt)
+        assert info.status == 0
+        materials = domain_materials(model, params)
+
+        def force(x, v, model=model, params=params, materials=materials):
+            return viscoelastic_force(model.domains, x, v, materials, model.rotation)
+
+        mass = np.asarray(nodal_mass(model, params.density))[:, None]
+        weight = mass * np.asarray(params.gravity)
+        free = np.asarray(model.free) > 0
+        if scheme == "backward_euler":
+            inertia = mass * (end.velocities - state.velocities) / dt
+            pull = force(end.positions, end.velocities)
+        else:
+            m, f = (2 * 0.8 - 1) / 1.8, 0.8 / 1.8
+            inertia = mass * ((1 - m) * end.accelerations + m * state.accelerations)
+            pull = force((1 - f) * end.positions + f * state.positions, (1 - f) * end.velocities + f * state.velocities)
+        left = np.asarray(inertia - pull - weight)[free]
+        miss[rotations] = np.abs(left).max() / np.abs(np.asarray(pull)).max()
+    assert miss["implicit"] < 1e-7 and miss["explicit"] > 1e-4, miss
+
+
+def test_one_long_implicit_step_is_the_equilibrium():
+    """With inertia and damping out of the way a step leads to rest at once, through half a right angle."""
+    build = {"rotations": "implicit", "tolerance": 1e-9}
+    model, params, state = scenes.beam((4, 1, 1), young=4e4, damping=0.0, build=build)
+    end, info = jf.step(model, params, state, 1e3)
+    rest, found = jf.equilibrium(model, params, state)
+    assert info.status == 0 and found.status == 0
+    sag = float(jnp.abs(rest.positions - state.positions).max())
+    assert sag > 0.05
+    np.testing.assert_allclose(end.positions, rest.positions, atol=1e-6 * sag)
+
+
+def test_derivatives_through_implicit_rotations():
+    """jvp = vjp = differences in E, nu, beta, dt and the start, in a batch too, also with an element inside out."""
+    build = {"rotations": "implicit", "tolerance": 1e-13}
+    model, params, state = scenes.beam((1, 1, 1), strain="smoothed", build=build)
+
+    def loss(z, positions):
+        own = params.replace(young=params.young * z[0], poisson=z[1], damping=z[2] * 1e-3)
+        moved = state.replace(positions=positions, velocities=state.velocities + z[4])
+        states, info = jf.rollout(model, own, moved, z[3] * 1e-2, 2)
+        return jnp.sum((states.positions[-1] - model.rest) ** 2), info.status
+
+    z = jnp.array([1.0, 0.4, 2.0, 1.0, 0.1])
+    both = jax.jit(jax.vmap(jax.value_and_grad(loss, has_aux=True)))
+    forward = jax.jit(jax.jacfwd(lambda *a: loss(*a)[0]))
+    inside_out = state.positions.at[-1].add(jnp.array([-0.12, 0.0, 0.0]))
+    h = 1e-5
+    lanes = jnp.concatenate([z[None], z + h * jnp.eye(5), z - h * jnp.eye(5)])
+    for start in (state.positions, inside_out):
+        (values, status), slopes = both(lanes, jnp.broadcast_to(start, (11, *start.shape)))
+        assert (status == 0).all()
+        scale = float(jnp.abs(slopes[0]).max())
+        np.testing.assert_allclose(forward(z, start), slopes[0], rtol=1e-7, atol=1e-9 * scale)
+        numerical = (values[1:6] - values[6:]) / (2 * h)
+        np.testing.assert_allclose(slopes[0], numerical, rtol=5e-6, atol=1e-8 * scale)
 
 
 def test_a_step_load_does_not_ring_at_the_mesh_scale():

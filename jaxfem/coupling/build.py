@@ -40,6 +40,8 @@ def with_coupling(
         raise SceneError(
             f'scheme "{model.scheme}" is for soft bodies alone; rigid bodies, joints and contacts need "backward_euler"'
         )
+    if model.rotations != "explicit":
+        raise SceneError('rotations = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts')
     if model.solver == "pgs" and any(body.strain != "element" for body in scene.soft):
         raise SceneError('solver "pgs" visits rows of single elements: use strain = "element", or another solver')
     joints, softness = joint_parts(scene.joints, index, dtype)

@@ -28,6 +28,7 @@ def advice(
         *_scheme_damping(model, params, unknowns, measured, simulated, dt),
         *_at_bounds(unknowns, z),
         *_open_unknowns(unknowns, uncertainty),
+        *_auxetic(unknowns, z),
         *_samples(measured, uncertainty),
     ]
     if step_failures:
@@ -104,6 +105,16 @@ def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
                 "combination of them is determined"
             )
     return texts
+
+
+def _auxetic(unknowns: Unknowns, z: np.ndarray) -> list[str]:
+    poisson = unknowns.values(z).get("poisson", 0.0)
+    if poisson >= 0:
+        return []
+    return [
+        f"Poisson's ratio came out as {poisson:.3g}; few materials widen when pulled: rather, these samples hardly "
+        "depend on it and something else that the model lacks decides. Hold it at a known value"
+    ]
 
 
 def _samples(measured: Measurement, uncertainty: Uncertainty) -> list[str]:

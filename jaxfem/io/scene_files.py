@@ -15,7 +15,7 @@ from jaxfem.scene import Scene
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
-TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "rho_inf", "mass")
+TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "rho_inf", "mass", "rotations")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points")
 PRECISIONS = ("float64", "float32")
@@ -25,9 +25,10 @@ PRECISIONS = ("float64", "float32")
 class SceneFile:
     """A scene and how to run it, as its file says.
 
-    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `rho_inf`, `mass`, `tolerance`,
-    `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results go; `points`:
-    name -> (x, y, z) [m] of a material point of the undeformed bodies whose path is recorded; `source`: the file.
+    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `rho_inf`, `mass`, `rotations`,
+    `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
+    go; `points`: name -> (x, y, z) [m] of a material point of the undeformed bodies whose path is recorded;
+    `source`: the file.
     """
 
     scene: Scene
@@ -38,6 +39,7 @@ class SceneFile:
     scheme: str
     rho_inf: float
     mass: str
+    rotations: str
     tolerance: float | None
     max_iterations: int
     precision: str
@@ -58,6 +60,7 @@ class SceneFile:
             scheme=self.scheme,
             rho_inf=self.rho_inf,
             mass=self.mass,
+            rotations=self.rotations,
             dtype=self.precision,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
@@ -94,6 +97,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "scheme": time.choice("scheme", building.SCHEMES, "backward_euler"),
         "rho_inf": time.number("rho_inf", 0.8),
         "mass": time.choice("mass", building.MASSES, "lumped"),
+        "rotations": time.choice("rotations", building.ROTATIONS, "explicit"),
         "solver": solver.choice("method", building.SOLVERS, "auto"),
         "tolerance": tolerance,
         "max_iterations": solver.integer("max_iterations", 20_000),

@@ -13,7 +13,7 @@ from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.rows.points import PointRows
-from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage
+from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage, moved_to
 
 Array = jax.Array
 
@@ -48,16 +48,24 @@ class System:
 
 
 def step_system(
-    model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Array,
+    forces: Array | None = None,
+    coarse: Array | None = None,
+    around: Array | None = None,
 ) -> System:
     """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None.
 
-    `coarse` may be None for those who do not solve.
+    `coarse` may be None for those who do not solve. `around` (n, 3): end-of-step velocities of free nodes; rows and
+    loads are made where they lead, instead of where the step starts.
     """
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
     stage = _stage(model, state, prescribed, dt)
+    stage = stage if around is None else moved_to(stage, jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
         rows=elastic_rows(model.domains, stage, domain_materials(model, params), model.rotation),

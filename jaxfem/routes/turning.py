@@ -1,0 +1,147 @@
+"""A step whose rotations are those of its end: rows made where the solution leads, solved again until they agree.
+
+With x_a(v), v_a(v) where the scheme takes its forces (see `schemes`) and f the exact corotated force there,
+    g(v) = M (v - v*) - weight f(x_a(v), v_a(v)) = 0.
+Each round solves the rows made at the last v: Newton's method but for the turning of the rotations, whose share of the
+tangent is small where steps are, and leaves a matrix that is always definite.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import jax.scipy.sparse.linalg
+
+from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import pytree
+from jaxfem.routes.condensed import condensed_matrix, group_modes, solve_condensed
+from jaxfem.routes.dual import solve_dual
+from jaxfem.routes.preconditioner import two_level
+from jaxfem.routes.system import System, momentum_gradient, prescribed_velocity, step_system
+from jaxfem.solvers.implicit import implicit_solution
+from jaxfem.solvers.status import SolveInfo, Status
+
+Array = jax.Array
+
+ROUNDS = 60
+GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
+FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
+
+
+@pytree
+class _Inputs:
+    model: Model
+    params: Params
+    state: State
+    dt: Array
+    forces: Array | None
+    coarse: Array | None
+
+
+@pytree
+class _Rounds:
+    velocities: Array
+    best: Array  # where the last solve started: steps that make things worse are halved towards it
+    impulses: Any
+    least: Array
+    target: Array
+    residual: Array
+    iterations: Array
+    rounds: Array
+    status: Array
+
+
+def solve_turning(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None
+) -> tuple[Array, Any, SolveInfo]:
+    """End-of-step velocities (n, 3), impulses (None unless the rows' solver has them) and info; differentiable.
+
+    `info.iterations` are those of all rounds.
+    """
+    inputs = _Inputs(model, params, state, dt, forces, coarse)
+    guess = jax.lax.stop_gradient((state.velocities, state.impulses))
+    unknown, (info, impulses) = implicit_solution(_EndOfStep(model.solver), inputs, guess)  # type: ignore[arg-type]
+    free = model.free[:, None] > 0
+    return jnp.where(free, unknown, prescribed_velocity(model, params, state, dt)), impulses, info
+
+
+@dataclasses.dataclass(frozen=True)
+class _EndOfStep:
+    """g(v) = 0 on the velocities of free nodes. Damping in a turning frame has no potential: not symmetric."""
+
+    route: str
+    symmetric: bool = False
+
+    def gradient(self, inputs: _Inputs, unknown: Array) -> Array:
+        return momentum_gradient(_system(inputs, unknown), unknown)
+
+    def solve(self, inputs: _Inputs, guess: Any) -> tuple[Array, tuple[SolveInfo, Any]]:
+        velocities, impulses = guess
+        return _solve(inputs, velocities, impulses, self.route)
+
+    def tangent_solve(self, inputs: _Inputs, unknown: Array, right: Array, matvec: Any) -> Array:
+        system = _system(inputs, unknown)
+        matrix, pattern = condensed_matrix(system), system.pattern
+        inverse = two_level(matrix, group_modes(system), system.coarse)
+
+        def precondition(residual: Array) -> Array:
+            return pattern.scattered(inverse(pattern.gathered(residual)))
+
+        tol = system.tolerance
+        found, _ = jax.scipy.sparse.linalg.bicgstab(
+            matvec, right, M=precondition, tol=tol, maxiter=system.max_iterations
+        )
+        left = jnp.linalg.norm(matvec(found) - right)
+        return jnp.where(left <= 10 * tol * jnp.linalg.norm(right), found, jnp.nan)
+
+
+def _system(inputs: _Inputs, around: Array) -> System:
+    i = inputs
+    return step_system(i.model, i.params, i.state, i.dt, i.forces, i.coarse, around)
+
+
+def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tuple[Array, tuple[SolveInfo, Any]]:
+    def once(s: _Rounds, system: System, residual: Array) -> _Rounds:
+        rows: Any = None
+        if route == "mprgp":
+            found, (info, rows) = solve_dual(system, s.impulses)
+        else:
+            tolerance = jnp.maximum(system.tolerance, FIRST_DIGITS)
+            loose = system.replace(tolerance=tolerance, floor=0.3 * s.target)  # type: ignore[attr-defined]
+            found, (info, _) = solve_condensed(loose, s.velocities)
+        failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
+        status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
+        total = s.iterations + info.iterations
+        return s.replace(  # type: ignore[attr-defined]
+            velocities=found, best=s.velocities, impulses=rows, least=residual, iterations=total, status=status
+        )
+
+    def trip(s: _Rounds) -> _Rounds:
+        system = _system(inputs, s.velocities)
+        residual = jnp.linalg.norm(momentum_gradient(system, s.velocities))
+        first = s.rounds == 0
+        scale = jnp.where(first, residual, s.residual)
+        target = jnp.where(first, jnp.maximum(system.tolerance * residual, system.floor), s.target)
+        s = s.replace(target=target, residual=scale, rounds=s.rounds + 1)  # type: ignore[attr-defined]
+        done = residual <= target
+        status = jnp.where(done, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+        status = jnp.where(jnp.isfinite(residual), status, int(Status.NOT_FINITE)).astype(jnp.int32)
+        s = s.replace(status=status)  # type: ignore[attr-defined]
+        halved = s.replace(velocities=0.5 * (s.velocities + s.best))  # type: ignore[attr-defined]
+        ended = s.replace(least=residual)  # type: ignore[attr-defined]
+        choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(residual > GROWTH * s.least, 1, 2))
+        branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
+        return jax.lax.switch(choice, branches)
+
+    def running(s: _Rounds) -> Array:
+        return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS)
+
+    free = inputs.model.free[:, None]
+    infinite = jnp.full((), jnp.inf, velocities.dtype)
+    zero, limit = jnp.int32(0), jnp.int32(Status.ITERATION_LIMIT)
+    start = velocities * free
+    s = _Rounds(start, start, impulses, infinite, infinite, infinite, zero, zero, limit)
+    end = jax.lax.while_loop(running, trip, s)
+    relative = end.least / jnp.where(end.residual > 0, end.residual, 1)
+    return end.velocities, (SolveInfo(end.status, end.iterations, relative, zero), end.impulses)
