@@ -69,8 +69,8 @@ def build(
     _check_choice("rotations", rotations, ROTATIONS)
     if mass != "lumped" and solver == "mprgp":
         raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
-    if not 0 <= rho_inf <= 1:
-        raise SceneError(f"rho_inf is {rho_inf}; it is the share of the highest frequencies left by a step, 0 to 1")
+    if not (isinstance(rho_inf, int | float) and 0 <= rho_inf <= 1):
+        raise SceneError(f"rho_inf is {rho_inf!r}; it is the share of the highest frequencies left by a step, 0 to 1")
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
     every = _names(scene.bodies)

@@ -116,17 +116,31 @@ def alpha_advance(
 def scheme_damping(scheme: str, frequencies: Any, dt: Any, rho_inf: Any = 0.8) -> Array:
     """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
 
-    scheme: "backward_euler" or "generalized_alpha" (with its rho_inf). The shape of `frequencies` comes back.
+    scheme: "backward_euler" or "generalized_alpha" (with its rho_inf). The shape of `frequencies` comes back; 0 for
+    rigid motions. ValueError for an unknown scheme or impossible numbers.
     From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|.
     """
     if scheme not in SCHEMES:
         raise ValueError(f"scheme is {scheme!r}; known: {', '.join(SCHEMES)}")
-    turn = jnp.asarray(frequencies, float) * dt
+    known = jnp.asarray(frequencies)
+    turn = (known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)) * dt
+    _check_damping(known, dt, rho_inf)
     slope = 1j / (1 - 1j * turn) if scheme == "backward_euler" else _alpha_slope(turn, jnp.asarray(rho_inf))
     # z = 1 + turn u, and log |z| without the digits that |z| = 1 + small would lose.
     decay = 0.5 * jnp.log1p(turn * (2 * slope.real + turn * jnp.abs(slope) ** 2))
     angle = jnp.arctan2(turn * slope.imag, 1 + turn * slope.real)
-    return -decay / jnp.hypot(decay, angle)
+    moving = turn > 0
+    return jnp.where(moving, -decay / jnp.hypot(decay, jnp.where(moving, angle, 1)), 0)
+
+
+def _check_damping(frequencies: Any, dt: Any, rho: Any) -> None:
+    """Refuse numbers that make no sense, where they are known; within a compiled function they are not looked at."""
+    if any(isinstance(value, jax.core.Tracer) for value in (frequencies, dt, rho)):
+        return
+    if not bool(jnp.all(frequencies >= 0)):
+        raise ValueError("frequencies must be 0 or more, in rad/s")
+    if not (dt > 0 and 0 <= rho <= 1):
+        raise ValueError(f"dt is {dt} and rho_inf {rho}; dt must be positive [s] and rho_inf from 0 to 1")
 
 
 CONTINUATION = 12

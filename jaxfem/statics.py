@@ -7,11 +7,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.elasticity import elastic_response
-from jaxfem.bodies.material import eigenstiffness
 from jaxfem.loads import FacePressure
 from jaxfem.model import Model, Params, State, StepInfo, elementwise
 from jaxfem.pytrees import pytree
-from jaxfem.routes.system import external_force
+from jaxfem.routes.system import elastic_rounding, external_force
 from jaxfem.routes.tangent import tangent_and_preconditioner
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
@@ -102,7 +101,7 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
     scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
-    noise = jax.lax.stop_gradient(_rounding(inputs, positions))
+    noise = jax.lax.stop_gradient(elastic_rounding(model, inputs.params, positions))
     rotations = tuple(array_of(turn) for turn in turns)
     return Evaluation(energy, gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotations)
 
@@ -111,15 +110,6 @@ def _typical_stiffness(inputs: _StaticInputs) -> Array:
     """Stiffness of an average node [N/m], so that fixed nodes do not spoil the scaling."""
     length = jnp.mean(inputs.model.elements.volumes) ** (1 / 3)
     return jax.lax.stop_gradient(jnp.mean(_material(inputs)[0]) * length)
-
-
-def _rounding(inputs: _StaticInputs, positions: Array) -> Array:
-    """Force [N] that the rounding of positions alone makes: stiffness of each element times the last digit of x."""
-    elements = inputs.model.elements
-    volumetric, deviatoric = eigenstiffness(*_material(inputs))
-    stiffest = jnp.maximum(volumetric, deviatoric)
-    stiffness = stiffest * elements.volumes * jnp.sum(elements.gradients**2, axis=(0, 1))
-    return jnp.finfo(positions.dtype).eps * jnp.max(jnp.abs(positions)) * jnp.linalg.norm(stiffness)
 
 
 def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]):

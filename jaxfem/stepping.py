@@ -5,6 +5,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
@@ -51,14 +52,28 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
     Without it each call of `step` builds one (some milliseconds); `rollout` builds one for all its steps. It never
     changes a solution, only how fast it is found: prepare again after changing E, density or dt tenfold.
     `frequencies` [rad/s], such as `jf.modes` finds: the info of each step then holds the damping ratio that the time
-    scheme gives to each (`info.scheme_damping`).
+    scheme gives to each (`info.scheme_damping`); None keeps those that the model has. StepError for others than numbers
+    from 0 up.
     """
+    frequencies = _checked_frequencies(model, frequencies)
     params, state, dt_, frequencies = typed(model, params, state, dt, frequencies)
     check_call(model, params, state, dt)
     model = model.replace(frequencies=frequencies)  # type: ignore[attr-defined]
     if model.coupled:
         return model
     return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
+
+
+def _checked_frequencies(model: Model, given: Any) -> Any:
+    if given is None or isinstance(given, jax.core.Tracer):
+        return getattr(model, "frequencies", None) if given is None else given
+    try:
+        known = np.asarray(given, float)
+    except (TypeError, ValueError):
+        raise StepError(f"frequencies are {given!r}; give numbers in rad/s, as modes does") from None
+    if not (known >= 0).all():
+        raise StepError(f"frequencies are {given}; each must be 0 or more, in rad/s (NaN: a mode that was not found)")
+    return given
 
 
 @jax.jit

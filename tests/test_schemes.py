@@ -170,7 +170,7 @@ def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver
 def test_one_long_implicit_step_is_the_equilibrium():
     """With inertia and damping out of the way a step leads to rest at once, through half a right angle."""
     build = {"rotations": "implicit", "tolerance": 1e-9}
-    model, params, state = scenes.beam((4, 1, 1), young=4e4, damping=0.0, build=build)
+    model, params, state = scenes.beam((4, 1, 1), young=8e3, damping=0.0, build=build)
     end, info = jf.step(model, params, state, 1e3)
     rest, found = jf.equilibrium(model, params, state)
     assert info.status == 0 and found.status == 0

@@ -6,8 +6,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.mass import MassCoupling
+from jaxfem.bodies.material import eigenstiffness
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, Pattern, State, domain_materials, mass_coupling, nodal_mass
+from jaxfem.model import Model, Params, Pattern, State, domain_materials, elementwise, mass_coupling, nodal_mass
 from jaxfem.motion import displaced
 from jaxfem.pytrees import pytree
 from jaxfem.rows.base import Rows, total_impulse
@@ -118,6 +119,15 @@ def external_force(model: Model, params: Params, positions: Array, forces: Array
     weight = nodal_mass(model, params.density)[:, None] * params.gravity
     total = weight + load_force(model.loads, params.loads, positions)
     return total if forces is None else total + forces
+
+
+def elastic_rounding(model: Model, params: Params, positions: Array) -> Array:
+    """Force [N] that the rounding of positions alone makes: stiffness of each element times the last digit of x."""
+    elements = model.elements
+    young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
+    stiffest = jnp.maximum(*eigenstiffness(young, poisson))
+    stiffness = stiffest * elements.volumes * jnp.sum(elements.gradients**2, axis=(0, 1))
+    return jnp.finfo(positions.dtype).eps * jnp.max(jnp.abs(positions)) * jnp.linalg.norm(stiffness)
 
 
 def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -> Array:

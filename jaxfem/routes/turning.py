@@ -18,13 +18,20 @@ from jaxfem.pytrees import pytree
 from jaxfem.routes.condensed import condensed_matrix, group_modes, solve_condensed
 from jaxfem.routes.dual import solve_dual
 from jaxfem.routes.preconditioner import two_level
-from jaxfem.routes.system import System, momentum_gradient, prescribed_velocity, step_system
+from jaxfem.routes.system import (
+    System,
+    elastic_rounding,
+    momentum_gradient,
+    prescribed_velocity,
+    step_system,
+)
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 
 ROUNDS = 60
+ROUNDING = 0.05  # share of the bound on the rounding of elastic forces that residuals are seen to stay at
 GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
 FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
 
@@ -106,6 +113,9 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         rows: Any = None
         if route == "mprgp":
             found, (info, rows) = solve_dual(system, s.impulses)
+            # Its tolerance is one of the rows' own residual: where that holds at once, the rounds have ended.
+            status = jnp.where(info.iterations == 0, info.status, s.status).astype(jnp.int32)
+            s = s.replace(status=status)  # type: ignore[attr-defined]
         else:
             tolerance = jnp.maximum(system.tolerance, FIRST_DIGITS)
             loose = system.replace(tolerance=tolerance, floor=0.3 * s.target)  # type: ignore[attr-defined]
@@ -114,7 +124,12 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
         total = s.iterations + info.iterations
         return s.replace(  # type: ignore[attr-defined]
-            velocities=found, best=s.velocities, impulses=rows, least=residual, iterations=total, status=status
+            velocities=found,
+            best=s.velocities,
+            impulses=rows,
+            least=jnp.minimum(residual, s.least),
+            iterations=total,
+            status=status,
         )
 
     def trip(s: _Rounds) -> _Rounds:
@@ -122,15 +137,18 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         residual = jnp.linalg.norm(momentum_gradient(system, s.velocities))
         first = s.rounds == 0
         scale = jnp.where(first, residual, s.residual)
-        target = jnp.where(first, jnp.maximum(system.tolerance * residual, system.floor), s.target)
+        # At rest all forces cancel: what the rounding of positions makes of the elastic ones cannot be solved away.
+        floor = system.floor + ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, system.positions)
+        target = jnp.where(first, jnp.maximum(system.tolerance * residual, floor), s.target)
         s = s.replace(target=target, residual=scale, rounds=s.rounds + 1)  # type: ignore[attr-defined]
         done = residual <= target
         status = jnp.where(done, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
-        status = jnp.where(jnp.isfinite(residual), status, int(Status.NOT_FINITE)).astype(jnp.int32)
+        status = jnp.where(first & ~jnp.isfinite(residual), int(Status.NOT_FINITE), status).astype(jnp.int32)
         s = s.replace(status=status)  # type: ignore[attr-defined]
         halved = s.replace(velocities=0.5 * (s.velocities + s.best))  # type: ignore[attr-defined]
         ended = s.replace(least=residual)  # type: ignore[attr-defined]
-        choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(residual > GROWTH * s.least, 1, 2))
+        worse = ~(residual <= GROWTH * s.least) & (route != "mprgp")
+        choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(worse, 1, 2))
         branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
         return jax.lax.switch(choice, branches)
 
