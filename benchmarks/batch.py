@@ -1,7 +1,8 @@
 """Does a batch pay?  python benchmarks/batch.py [--quick] [--out FOLDER]
 
 64 materials in one vmapped rollout, against the same one after another: a small beam of 216 elements, and the brick.
-Throughput ratio: above 1 the batch is faster. A batch runs until its slowest lane has converged.
+Throughput ratio: above 1 the batch is faster. On CPUs a batch solves lane by lane, on accelerators all at once, until
+the slowest lane has converged.
 """
 
 import jax

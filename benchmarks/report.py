@@ -3,7 +3,10 @@
 import argparse
 import json
 import pathlib
+import time
 from typing import Any
+
+BEGUN = time.perf_counter()
 
 
 def arguments(text: str) -> argparse.Namespace:
@@ -15,7 +18,8 @@ def arguments(text: str) -> argparse.Namespace:
 
 
 def finish(name: str, figures: dict[str, Any], out: pathlib.Path | None) -> None:
-    """Write NAME.json to the folder, and print the figures as the last line."""
+    """Write NAME.json to the folder, and print the figures as the last line; with the seconds that it all took."""
+    figures = figures | {"benchmark_s": time.perf_counter() - BEGUN}
     save(name, figures, out)
     print(json.dumps(figures))
 

@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import lanes_in_turn
 from jaxfem.routes.assembly import BlockMatrix
 from jaxfem.routes.condensed import condensed_matrix, group_modes
 from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
@@ -52,6 +53,7 @@ def _held(rows: PointRows, impulses: Array) -> tuple[Array, Array]:
     return at_low | at_up, jnp.where(at_low | at_up, bound, 0)
 
 
+@lanes_in_turn
 def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
     """End-of-step velocities of the free nodes (n, 3) and impulses of the extra rows, from a guess; and info."""
     free = system.free[:, None]
@@ -71,6 +73,7 @@ def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
     return (end, impulses), info.replace(weakly_active=weak)  # type: ignore[attr-defined]
 
 
+@lanes_in_turn
 def solve_pair_tangent(system: System, unknown: Pair, right: Pair) -> tuple[Pair, SolveInfo]:
     """Solve the derivative of `pair_gradient` at `unknown` for `right`, the rows at a bound held there."""
     extra = extra_rows(system)

@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import lanes_in_turn
 from jaxfem.routes.assembly import BlockMatrix, assemble_rows
 from jaxfem.routes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.routes.system import System, elastic_part, momentum_gradient
@@ -28,9 +29,15 @@ def group_modes(system: System) -> Array:
 
 def coarse_of(system: System) -> Array:
     """The coarse inverse that `solve_linear` uses, built for this step's shape and numbers."""
-    return jax.lax.stop_gradient(coarse_inverse(condensed_matrix(system), group_modes(system)))
+    return jax.lax.stop_gradient(_coarse_inverse(jax.lax.stop_gradient(system)))
 
 
+@lanes_in_turn
+def _coarse_inverse(system: System) -> Array:
+    return coarse_inverse(condensed_matrix(system), group_modes(system))
+
+
+@lanes_in_turn
 def solve_linear(system: System, right: Array, absolute: Any = 0.0) -> tuple[Array, SolveInfo]:
     """Solve the condensed system for `right` (n, 3) by two-level conjugate gradients: (solution, info)."""
     matrix, pattern = condensed_matrix(system), system.pattern
@@ -45,6 +52,7 @@ def solve_linear(system: System, right: Array, absolute: Any = 0.0) -> tuple[Arr
     return pattern.scattered(solution), info
 
 
+@lanes_in_turn
 def solve_condensed(system: System, guess: Array) -> tuple[Array, tuple[SolveInfo, None]]:
     """End-of-step velocities of the free nodes (n, 3) from a guess, and info; impulses are not formed (None).
 

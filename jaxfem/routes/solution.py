@@ -10,7 +10,7 @@ from jaxfem.routes.bounded import pair_gradient, solve_bounded, solve_pair_tange
 from jaxfem.routes.condensed import solve_condensed, solve_linear
 from jaxfem.routes.dual import solve_dual
 from jaxfem.routes.system import System, extra_rows, merged, momentum_gradient
-from jaxfem.solvers.implicit import or_nan, piecewise_linear_solution
+from jaxfem.solvers.implicit import or_nan, piecewise_linear_solution, unless_zero
 from jaxfem.solvers.status import SolveInfo
 
 Array = jax.Array
@@ -46,7 +46,7 @@ class _Velocities:
         return (solve_dual if self.route == "mprgp" else solve_condensed)(system, guess)
 
     def tangent_solve(self, system: System, unknown: Array, right: Array, matvec: Any) -> Array:
-        return or_nan(*solve_linear(system, right))
+        return or_nan(*unless_zero(solve_linear, system, right))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,4 +70,6 @@ class _Pair:
         return found, (info, None)
 
     def tangent_solve(self, system: System, unknown: Any, right: Any, matvec: Any) -> Any:
-        return or_nan(*solve_pair_tangent(system, unknown, right))
+        return or_nan(
+            *unless_zero(lambda given, side: solve_pair_tangent(given[0], given[1], side), (system, unknown), right)
+        )

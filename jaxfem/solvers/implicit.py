@@ -9,7 +9,8 @@ import jax.numpy as jnp
 import numpy as np
 from jax.ad_checkpoint import checkpoint_name
 
-from jaxfem.solvers.status import Status
+from jaxfem.batching import cond_any
+from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 
@@ -81,6 +82,21 @@ def _hessian_solve(condition: Condition, inputs: Any, unknown: Any, right: Any) 
         return condition.tangent_solve(*jax.lax.stop_gradient((inputs, unknown)), vector, matvec)
 
     return jax.lax.custom_linear_solve(hessian, right, solve, transpose_solve=solve, symmetric=condition.symmetric)
+
+
+def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
+    """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
+
+    That is so whenever a solution is computed but not differentiated, and setting up a system may be half the work.
+    """
+
+    def nothing(inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
+        dtype = jnp.result_type(*jax.tree.leaves(right))
+        none = jnp.int32(0)
+        return jax.tree.map(jnp.zeros_like, right), SolveInfo(none, none, jnp.zeros((), dtype), none)
+
+    some = jnp.stack([jnp.any(leaf != 0) for leaf in jax.tree.leaves(right)]).any()
+    return cond_any(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
 
 
 def or_nan(solution: Any, info: Any) -> Any:
