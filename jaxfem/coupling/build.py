@@ -47,19 +47,22 @@ def with_coupling(
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(  # type: ignore[attr-defined]
-        joints=joints, contacts=contacts, solver=_solver(model.solver)
+        joints=joints, contacts=contacts, solver=_solver(model.solver, bool(scene.soft and (joints or contacts)))
     )
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
 
-def _solver(asked: str) -> str:
-    return "pgs" if asked == "pgs" else "mprgp"
+def _solver(asked: str, mixed: bool) -> str:
+    """The condensed route is for elastic rows beside others; where there are none of either, all rows are solved for."""
+    return "mprgp" if asked == "condensed" and not mixed else asked
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:
-    """Zero impulses of all rows of a step, in their shapes."""
+    """Zero impulses of all rows of a step, in their shapes; None for those that the solver eliminates."""
     bare = state.replace(impulses=None)  # type: ignore[attr-defined]
     step = jnp.ones((), model.rest.dtype)
     shapes = jax.eval_shape(lambda: tuple(rows.bias for rows in coupled_system(model, params, bare, step).rows))
-    return tuple(jnp.zeros(each.shape, each.dtype) for each in shapes)
+    eliminated = len(model.domains) if model.solver == "condensed" else 0
+    zeros = tuple(jnp.zeros(each.shape, each.dtype) for each in shapes)
+    return (*(None,) * eliminated, *zeros[eliminated:])
