@@ -17,7 +17,7 @@ from jaxfem.routes.assembly import BlockMatrix
 from jaxfem.routes.condensed import condensed_matrix, group_modes
 from jaxfem.routes.friction import extra_bounds, placed_at_bounds, sides_of
 from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
-from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother
+from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother, stiffened
 from jaxfem.routes.system import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers import trees
@@ -108,19 +108,21 @@ def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) 
 
 
 def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:
-    """Number of extra rows at a bound with no force against it, as MPRGP on all rows counts them."""
+    """Number of extra rows at a bound with no force against it, to within the tolerance.
+
+    The scale is energy: that of the unbound motion, and of what the rows ask of it.
+    """
     scalar, blocks = inverse_mass(system)
-    square, boxes = jnp.zeros((), velocities.dtype), []
-    extra, diagonals = extra_rows(system), []
-    for rows in system.rows:
-        own = rows.diagonal(scalar, blocks) if isinstance(rows, PointRows) else rows.diagonal(scalar)
-        diagonals.append(own + rows.compliance)
-        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonals[-1])
+    extra, boxes = extra_rows(system), []
+    diagonals = [rows.diagonal(scalar, blocks) + rows.compliance for rows in extra]
+    square = jnp.vdot(system.target, system.mass[:, None] * system.target)
+    for rows, diagonal in zip(extra, diagonals, strict=True):
+        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonal)
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
     threshold = 10 * tolerance * jnp.sqrt(square)
     bounds = extra_bounds(system, impulses)
     for rows, lam, lower, upper, diagonal in zip(
-        extra, impulses, *bounds, diagonals[len(diagonals) - len(extra) :], strict=True
+        extra, impulses, *bounds, diagonals, strict=True
     ):
         root = jnp.sqrt(diagonal)
         gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
@@ -140,11 +142,14 @@ def _minimizer(system: System) -> Any:
     diagonal = jnp.concatenate([matrix.diagonal_blocks, order.rigid_blocks])
     inverse = inverse_blocks(diagonal)
     local = tuple(local_compliance(each, inverse) for each in rows)
-    precondition = _preconditioner(system, matrix, order, diagonal, rows)
+    precondition, product = _preconditioner(system, matrix, order, diagonal, rows), order.product(matrix)
+
+    def with_rows(stiffness: tuple[Array, ...]) -> Callable[[Array], Array]:
+        return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
 
     def solve(gradient: Array, terms: RowTerms, tolerance: Any, absolute: Any, follow: Any) -> Any:
         step, impulses, info = minimize_with_rows(
-            order.product(matrix),
+            product,
             order.gathered(gradient),
             rows,
             terms.replace(local=local),  # type: ignore[attr-defined]
@@ -153,6 +158,7 @@ def _minimizer(system: System) -> Any:
             max_iterations=system.max_iterations,
             absolute=absolute,
             follow=follow,
+            stiffened=with_rows,
         )
         return order.scattered(step), impulses, info
 

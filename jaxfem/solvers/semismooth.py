@@ -4,7 +4,7 @@ The rows' penalty form, a piecewise quadratic, is minimised by Newton steps on i
 Alone, that breaks down for rows of tiny compliance: their penalty is ill-conditioned, and the search stops at the first
 row that it meets. So a row is given at least a share of its nodes' own compliance, and the method of multipliers (a
 proximal point method on the dual, Rockafellar 1976) takes the difference back: the centre moves to the impulses found.
-Both converge from anywhere. The share starts at one, where many rows change in one step, and falls as they settle.
+Both converge from anywhere. The share starts near one, where many rows change in one step, and falls as they settle.
 """
 
 from collections.abc import Callable, Sequence
@@ -24,10 +24,10 @@ Blocks = tuple[Array, ...]
 Bounds = tuple[tuple[Array | None, ...], tuple[Array | None, ...]]
 Operator = Callable[[Array], Array]
 
-SHARPER, SHARPEST = 0.1, 1e-3
-"""Factor by which the share of compliance falls each time that the active set has settled, and where it ends."""
-FORCING = 0.1
-"""Relative residual of a Newton step's linear solve."""
+START, SHARPER, SHARPEST = 0.3, 0.1, 1e-3
+"""The first share of compliance, the factor by which it falls each time that the active set has settled, its end."""
+FORCING, CLOSE = 0.1, 1e-2
+"""Relative residual of a Newton step's linear solve, while the active set changes and once it is the last step's."""
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
 MOST_TRIPS = 200
@@ -122,12 +122,14 @@ def minimize_with_rows(
     max_iterations: Any,
     absolute: Any = 0.0,
     follow: Callable[[Blocks], Bounds] | None = None,
+    stiffened: Callable[[Blocks], Operator] | None = None,
 ) -> tuple[Array, Blocks, SolveInfo]:
     """Find the step d and impulses lam with  gradient + S d = J' lam  and  slack - J d - C lam  complementary to
     lower <= lam <= upper:  (d, lam, info).
 
     matvec: d -> S d, S symmetric positive definite.  preconditioner: stiffness of the rows in play (zero for others)
-    -> an SPD approximation of (S + J' stiffness J)^-1.
+    -> an SPD approximation of (S + J' stiffness J)^-1.  stiffened: stiffness -> the product with S + J' stiffness J,
+    where there is a faster one than by the rows.
     Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
     max(tol times its value at the start with no impulses, absolute). `follow`: impulses -> bounds, where these depend
     on the impulses of other rows (friction): each move of the centre takes them anew, and the violation is judged by
@@ -141,24 +143,23 @@ def minimize_with_rows(
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
     bounds = terms.lower, terms.upper
-    first = _State(0 * gradient, gradient, terms.slack, start, bounds, one, terms.free(start), *counts)
+    first = _State(0 * gradient, gradient, terms.slack, start, bounds, START * one, terms.free(start), *counts)
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
 
     def trip(s: _State) -> _State:
+        before = s.free
         s, soft, impulses, free = _settle(rows, terms, target, s, follow)
         stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
-
-        def hessian(x: Array) -> Array:
-            moved = tuple(k * each.apply(x) for k, each in zip(stiffness, rows, strict=True))
-            return matvec(x) + _push(rows, moved)
 
         going = s.status == Status.ITERATION_LIMIT
         right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
         limit = max_iterations - s.iteration
         precondition = preconditioner(stiffness)
-        step, info = pcg(hessian, right, precondition, tol=FORCING, max_iterations=limit, absolute=0.7 * target)
+        hessian = _with_penalty(matvec, rows, stiffness) if stiffened is None else stiffened(stiffness)
+        depth = jnp.where(_same(free, before), CLOSE, FORCING)
+        step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
         change, along = matvec(step), tuple(each.apply(step) for each in rows)
         length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
         moved = s.replace(  # type: ignore[attr-defined]
@@ -181,6 +182,16 @@ def minimize_with_rows(
     return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
 
 
+def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Blocks) -> Operator:
+    """x -> S x + J' stiffness J x."""
+
+    def apply(x: Array) -> Array:
+        moved = tuple(k * each.apply(x) for k, each in zip(stiffness, rows, strict=True))
+        return matvec(x) + _push(rows, moved)
+
+    return apply
+
+
 def _settle(
     rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: _State, follow: Callable[[Blocks], Bounds] | None
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
@@ -198,14 +209,17 @@ def _settle(
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
-    same = jnp.stack([jnp.all(a == b) for a, b in zip(free, s.free, strict=True)]).all()
-    share = jnp.where(moving & same, jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
+    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
     centre = trees.where(moving, impulses, s.centre)
     bounds = s.bounds if follow is None else trees.where(moving, _towards(s, wanted), s.bounds)
     settled = s.replace(centre=centre, bounds=bounds, share=share, residual=residual, status=status)  # type: ignore[attr-defined]
     soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
     return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
+
+
+def _same(a: Blocks, b: Blocks) -> Array:
+    return jnp.stack([jnp.all(one == other) for one, other in zip(a, b, strict=True)]).all()
 
 
 def _towards(s: _State, wanted: Bounds) -> Bounds:
