@@ -54,7 +54,7 @@ def with_coupling(
 
 
 def _solver(asked: str, mixed: bool) -> str:
-    """The condensed route is for elastic rows beside others; where there are none of either, all rows are solved for."""
+    """The condensed route is for elastic rows beside others; without either, all rows are solved for."""
     return "mprgp" if asked == "condensed" and not mixed else asked
 
 

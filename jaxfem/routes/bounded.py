@@ -1,9 +1,12 @@
-"""Condensed route with rows that stay rows: contacts, limits, motors, joints beside the nodes' big matrix.
+"""Condensed route with rows that stay rows: contacts, friction, limits, motors, joints beside the nodes' big matrix.
 
 Elastic rows are eliminated as ever; the others (any kind that is not elastic) keep their impulses as unknowns. So
 the condition on the pair (v, lam) has no division by a compliance, however small, and its derivative is symmetric:
 
     M (v - v*) - J_e' lam_e(v) - J' lam = 0;   c - J v - C lam = 0 between the bounds, lam = bound at one.
+
+Rigid bodies are further triples with 3x3 blocks of their own. A friction bound moves with its normal impulse, which
+makes the derivative unsymmetric: see `solve_pair_tangent`.
 """
 
 from collections.abc import Callable
@@ -20,7 +23,6 @@ from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
 from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother, stiffened
 from jaxfem.routes.system import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
 from jaxfem.rows.points import PointRows
-from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.implicit import or_nan
@@ -32,7 +34,7 @@ Pair = tuple[Array, tuple[Array, ...]]
 
 
 def pair_gradient(system: System, unknown: Pair) -> Pair:
-    """The condition above at velocities (n, 3) of the free triples and impulses of the extra rows; zero at the solution.
+    """The condition above at velocities (n, 3) of the free triples and the extra rows' impulses; zero at the solution.
 
     Which rows are at a bound is read off the impulses.
     """
@@ -121,9 +123,7 @@ def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
     threshold = 10 * tolerance * jnp.sqrt(square)
     bounds = extra_bounds(system, impulses)
-    for rows, lam, lower, upper, diagonal in zip(
-        extra, impulses, *bounds, diagonals, strict=True
-    ):
+    for rows, lam, lower, upper, diagonal in zip(extra, impulses, *bounds, diagonals, strict=True):
         root = jnp.sqrt(diagonal)
         gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
         boxes.append(make_box(lam, lower, upper).divided(1 / root).weak(lam * root, gap / root, threshold))
@@ -132,7 +132,7 @@ def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]
 
 def _terms(extra: Any, slack: Any, start: Any, bounds: Any, active: Any = None) -> RowTerms:
     compliance = tuple(jnp.broadcast_to(rows.compliance, rows.bias.shape) for rows in extra)
-    return RowTerms(slack, compliance, *bounds, start, compliance, active or (None,) * len(extra))
+    return RowTerms(slack, compliance, bounds[0], bounds[1], start, compliance, active or (None,) * len(extra))
 
 
 def _minimizer(system: System) -> Any:

@@ -43,13 +43,13 @@ def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -
     """x -> S x + J' k J x on fields (N, 3): rows on one node each as one block a node, without a scatter a product."""
     single = [kind for kind in kinds if kind.single]
     several = [kind for kind in kinds if not kind.single]
-    blocks = jnp.zeros((kinds[0].rows.unknowns, 3, 3), kinds[0].stiffness.dtype) if single else None
+    blocks = jnp.zeros((kinds[0].rows.unknowns, 3, 3), kinds[0].stiffness.dtype)
     for kind in single:
         blocks = blocks.at[kind.rows.triples].add(kind.node_blocks())
 
     def apply(x: Array) -> Array:
         product = matvec(x)
-        if blocks is not None:
+        if single:
             product = product + jnp.einsum("nij,nj->ni", blocks, x)
         for kind in several:
             product = product + kind.rows.apply_transpose(kind.stiffness * kind.rows.apply(x))

@@ -131,10 +131,11 @@ def minimize_with_rows(
     -> an SPD approximation of (S + J' stiffness J)^-1.  stiffened: stiffness -> the product with S + J' stiffness J,
     where there is a faster one than by the rows.
     Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
-    max(tol times its value at the start with no impulses, absolute). `follow`: impulses -> bounds, where these depend
-    on the impulses of other rows (friction): each move of the centre takes them anew, and the violation is judged by
-    the new ones (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first. max_iterations counts the inner iterations of
-    conjugate gradients, as info.iterations does. No derivative rule. vmap-safe: a lane that has arrived stays as it is.
+    max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
+    conjugate gradients, as info.iterations does. `follow`: impulses -> bounds, where these depend on the impulses of
+    other rows (friction): each move of the centre takes them anew, and the violation is judged by the new ones
+    (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds.
+    No derivative rule. vmap-safe: a lane that has arrived stays as it is.
     """
     none = trees.zeros(terms.start)
     scale = jnp.sqrt(trees.dot(gradient, gradient) + _size(rows, terms.violation(terms.slack, none)) ** 2)
