@@ -52,8 +52,9 @@ def build(
 
     `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first where
     there are soft bodies and the second for rigid bodies alone, or where very many rows tie rigid bodies to others.
-    `scheme`: "backward_euler" (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1,
-    of the highest frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
+    `scheme`: "backward_euler" (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves
+    the share `rho_inf`, from 0 to 1, of the highest frequencies).
+    `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
     frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `rotations`
     of the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces:
     one linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
