@@ -50,10 +50,11 @@ def build(
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
-    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first for
-    soft bodies alone and the second where there are rigid bodies, joints or contacts. `scheme`: "backward_euler" (first
-    order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1,
-    of the highest frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
+    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first where
+    there are soft bodies and the second for rigid bodies alone, or where very many rows tie rigid bodies to others.
+    `scheme`: "backward_euler" (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves
+    the share `rho_inf`, from 0 to 1, of the highest frequencies).
+    `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
     frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `rotations`
     of the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces:
     one linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
@@ -85,7 +86,7 @@ def build(
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
     impulses = _no_impulses(model) if model.solver == "mprgp" else None
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
-    return with_coupling(scene, every, model, params, state)
+    return with_coupling(scene, every, model, params, state, choose=solver == "auto")
 
 
 def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations):

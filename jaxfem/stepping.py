@@ -11,14 +11,15 @@ from jaxfem.bodies.elasticity import viscoelastic_force
 from jaxfem.bodies.elements import deformation_gradient
 from jaxfem.model import Model, Params, State, StepInfo, domain_materials, mass_coupling, nodal_mass
 from jaxfem.routes.condensed import coarse_of
-from jaxfem.routes.coupled import advance_rigid, coupled_system
+from jaxfem.routes.coupled import advance_rigid, coupled_system, velocities_of
 from jaxfem.routes.row_solve import solve_rows
 from jaxfem.routes.solution import solve_system
-from jaxfem.routes.system import external_force, step_system
+from jaxfem.routes.system import System, external_force, step_system
 from jaxfem.routes.turning import solve_turning
 from jaxfem.schemes import alpha_advance, scheme_damping
 from jaxfem.solvers.implicit import SOLUTION, or_nan
 from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -59,7 +60,7 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
     params, state, dt_, frequencies = typed(model, params, state, dt, frequencies)
     check_call(model, params, state, dt)
     model = model.replace(frequencies=frequencies)  # type: ignore[attr-defined]
-    if model.coupled:
+    if model.coupled and model.solver != "condensed":
         return model
     return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
 
@@ -82,15 +83,15 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Array:
 
 
 def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array | None:
-    if model.coupled:
+    if model.coupled and model.solver != "condensed":
         return None
     return coarse_of(step_system(model, params, state, dt)) if model.coarse is None else model.coarse
 
 
 def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None):
     if model.coupled:
-        system = coupled_system(model, params, state, dt, forces)
-        unknown, (info, impulses) = solve_rows(system, state.impulses, model.solver)
+        system = coupled_system(model, params, state, dt, forces, coarse)
+        unknown, impulses, info = _solved(model, state, system)
     elif model.rotations == "implicit":
         unknown, impulses, info = solve_turning(model, params, state, dt, forces, coarse)
     else:
@@ -110,6 +111,17 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
     added = None if added is None else scheme_damping(model.scheme, added, dt, model.rho_inf)
     inverted = inverted_elements(model, following.positions)
     return following, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted, added)
+
+
+def _solved(model: Model, state: State, system: System) -> tuple[Array, Any, SolveInfo]:
+    """Velocities of all triples, impulses in the state's layout, and info of a step with coupled rows."""
+    if model.solver != "condensed":
+        unknown, (info, impulses) = solve_rows(system, state.impulses, model.solver)
+        return unknown, impulses, info
+    elastic = len(model.domains)
+    last = None if state.impulses is None else state.impulses[elastic:]
+    unknown, impulses, info = solve_system(system, "condensed", velocities_of(state), last)
+    return unknown, None if last is None else (*(None,) * elastic, *impulses), info
 
 
 def _moved(model: Model, state: State, velocities: Array, dt: Array) -> tuple[Array, Array | None]:

@@ -11,15 +11,17 @@ from jaxfem.coupling.joints import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.routes.coupled import coupled_system
+from jaxfem.routes.row_stiffness import MOST_EXACT
+from jaxfem.routes.system import extra_rows
 from jaxfem.scene import Scene
 
 
 def with_coupling(
-    scene: Scene, names: Sequence[str], model: Model, params: Params, state: State
+    scene: Scene, names: Sequence[str], model: Model, params: Params, state: State, choose: bool = False
 ) -> tuple[Model, Params, State]:
     """Model, params and state with all that the scene declares beside soft bodies; unchanged where it declares none.
 
-    `names`: unique names of all bodies, in the scene's order.
+    `names`: unique names of all bodies, in the scene's order. `choose`: the solver is for this function to choose.
     """
     rigid, dtype = scene.rigid, model.rest.dtype
     if not (rigid or scene.joints or scene.contacts):
@@ -47,19 +49,31 @@ def with_coupling(
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(  # type: ignore[attr-defined]
-        joints=joints, contacts=contacts, solver=_solver(model.solver)
+        joints=joints, contacts=contacts, solver=_solver(model.solver, bool(scene.soft and (joints or contacts)))
     )
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
+    if choose and model.solver == "condensed" and rigid and _across(model, params, state) > MOST_EXACT:
+        model = model.replace(solver="mprgp")  # type: ignore[attr-defined]
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
 
-def _solver(asked: str) -> str:
-    return "pgs" if asked == "pgs" else "mprgp"
+def _solver(asked: str, mixed: bool) -> str:
+    """The condensed route is for elastic rows beside others; without either, all rows are solved for."""
+    return "mprgp" if asked == "condensed" and not mixed else asked
+
+
+def _across(model: Model, params: Params, state: State) -> int:
+    """Number of rows that couple several triples: more than few, and the condensed route preconditions them badly."""
+    bare, step = state.replace(impulses=None), jnp.ones((), model.rest.dtype)  # type: ignore[attr-defined]
+    system = jax.eval_shape(lambda: coupled_system(model, params, bare, step))
+    return sum(rows.bias.size for rows in extra_rows(system) if rows.triples.shape[1] > 1)
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:
-    """Zero impulses of all rows of a step, in their shapes."""
+    """Zero impulses of all rows of a step, in their shapes; None for those that the solver eliminates."""
     bare = state.replace(impulses=None)  # type: ignore[attr-defined]
     step = jnp.ones((), model.rest.dtype)
     shapes = jax.eval_shape(lambda: tuple(rows.bias for rows in coupled_system(model, params, bare, step).rows))
-    return tuple(jnp.zeros(each.shape, each.dtype) for each in shapes)
+    eliminated = len(model.domains) if model.solver == "condensed" else 0
+    zeros = tuple(jnp.zeros(each.shape, each.dtype) for each in shapes)
+    return (*(None,) * eliminated, *zeros[eliminated:])

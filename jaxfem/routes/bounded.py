@@ -1,11 +1,16 @@
-"""Condensed route with rows that stay rows: contacts, limits, motors, joints beside the nodes' big matrix.
+"""Condensed route with rows that stay rows: contacts, friction, limits, motors, joints beside the nodes' big matrix.
 
 Elastic rows are eliminated as ever; the others (any kind that is not elastic) keep their impulses as unknowns. So
 the condition on the pair (v, lam) has no division by a compliance, however small, and its derivative is symmetric:
 
     M (v - v*) - J_e' lam_e(v) - J' lam = 0;   c - J v - C lam = 0 between the bounds, lam = bound at one.
+
+Rigid bodies are further triples with 3x3 blocks of their own. A friction bound moves with its normal impulse, which
+makes the derivative unsymmetric: see `solve_pair_tangent`.
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import jax
@@ -14,48 +19,41 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.routes.assembly import BlockMatrix
 from jaxfem.routes.condensed import condensed_matrix, group_modes
+from jaxfem.routes.friction import extra_bounds, placed_at_bounds, sides_of
 from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
-from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother
-from jaxfem.routes.system import System, elastic_part, extra_rows, merged, momentum_gradient
+from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother, stiffened
+from jaxfem.routes.system import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
 from jaxfem.rows.points import PointRows
+from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
+from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
-from jaxfem.solvers.status import SolveInfo
+from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 Pair = tuple[Array, tuple[Array, ...]]
 
 
 def pair_gradient(system: System, unknown: Pair) -> Pair:
-    """The condition above at velocities (n, 3) of the free nodes and impulses of the extra rows; zero at the solution.
+    """The condition above at velocities (n, 3) of the free triples and the extra rows' impulses; zero at the solution.
 
     Which rows are at a bound is read off the impulses.
     """
     velocities, impulses = merged(system, unknown[0]), unknown[1]
+    sides = sides_of(extra_bounds(system, impulses), impulses)
+    placed = placed_at_bounds(system, sides, impulses)
     pushed = jnp.zeros_like(velocities)
     residuals = []
-    for rows, lam in zip(extra_rows(system), impulses, strict=True):
-        held, bound = _held(rows, lam)
-        pushed = pushed + rows.apply_transpose(jnp.where(held, bound, lam))
-        free = rows.bias - rows.apply(velocities) - rows.compliance * lam
-        residuals.append(jnp.where(held, lam - bound, free))
+    for rows, side, lam, own in zip(extra_rows(system), sides, impulses, placed, strict=True):
+        pushed = pushed + rows.apply_transpose(own)
+        residuals.append(jnp.where(side != 0, lam - own, rows.bias - rows.apply(velocities) - rows.compliance * lam))
     momentum = momentum_gradient(elastic_part(system), unknown[0])
     return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), tuple(residuals)
 
 
-def _held(rows: PointRows, impulses: Array) -> tuple[Array, Array]:
-    """Which rows are at a bound, and that bound; between equal bounds, their mean."""
-    if rows.bounds is None:
-        return jnp.zeros(impulses.shape, bool), impulses
-    low, up = rows.bounds
-    at_low, at_up = impulses <= low, impulses >= up
-    bound = jnp.where(at_low & at_up, 0.5 * (low + up), jnp.where(at_low, low, up))
-    return at_low | at_up, jnp.where(at_low | at_up, bound, 0)
-
-
 @lanes_in_turn
 def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
-    """End-of-step velocities of the free nodes (n, 3) and impulses of the extra rows, from a guess; and info."""
+    """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info."""
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
@@ -64,105 +62,174 @@ def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
         extra,
         slack=tuple(rows.bias - rows.apply(velocities) for rows in extra),
         start=guess[1],
-        bounds=tuple((None, None) if rows.bounds is None else rows.bounds for rows in extra),
+        bounds=extra_bounds(system, guess[1]),
     )
     gradient = momentum_gradient(elastic_part(system), start)
-    step, impulses, info = _minimize(system, gradient, terms, system.floor)
+    follow = partial(extra_bounds, system) if system.friction else None
+    step, impulses, info = _minimizer(system)(gradient, terms, system.tolerance, system.floor, follow)
     end = start + step * free
     weak = weakly_active(system, merged(system, end), impulses)
     return (end, impulses), info.replace(weakly_active=weak)  # type: ignore[attr-defined]
 
 
-@lanes_in_turn
-def solve_pair_tangent(system: System, unknown: Pair, right: Pair) -> tuple[Pair, SolveInfo]:
-    """Solve the derivative of `pair_gradient` at `unknown` for `right`, the rows at a bound held there."""
+def pair_tangent(system: System, unknown: Pair) -> Callable[[Pair, Any], tuple[Pair, SolveInfo]]:
+    """(right, tolerance) -> the solution with the derivative of `pair_gradient` at `unknown`, and info.
+
+    Rows at a bound are held there, friction's at bounds that do not move: that derivative is symmetric.
+    """
     extra = extra_rows(system)
-    held = tuple(_held(rows, lam)[0] for rows, lam in zip(extra, unknown[1], strict=True))
+    held = tuple(side != 0 for side in sides_of(extra_bounds(system, unknown[1]), unknown[1]))
     active = tuple(~mask for mask in held)
-    terms = _terms(
-        extra,
-        slack=tuple(jnp.where(on, -r, 0) for on, r in zip(active, right[1], strict=True)),
-        start=tuple(jnp.zeros_like(r) for r in right[1]),
-        bounds=((None, None),) * len(extra),
-        active=active,
-    )
-    velocities, impulses, info = _minimize(system, -right[0], terms, 0.0)
-    return (velocities, tuple(map(jnp.where, held, right[1], impulses))), info
+    minimize, none = _minimizer(system), ((None,) * len(extra),) * 2
+
+    def solve(right: Pair, tolerance: Any) -> tuple[Pair, SolveInfo]:
+        slack = tuple(jnp.where(on, -r, 0) for on, r in zip(active, right[1], strict=True))
+        terms = _terms(extra, slack, tuple(jnp.zeros_like(r) for r in slack), none, active)
+        velocities, impulses, info = minimize(-right[0], terms, tolerance, 0.0, None)
+        return (velocities, tuple(map(jnp.where, held, right[1], impulses))), info
+
+    return solve
+
+
+def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) -> Pair:
+    """Solve matvec(y) = right, the derivative of `pair_gradient` at `unknown` or its transpose; NaN where that fails.
+
+    Without friction that is the symmetric solve. With friction bounds that move, the symmetric solve P preconditions
+    stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left.
+    """
+    symmetric = pair_tangent(system, unknown)
+    if not system.friction:
+        return or_nan(*symmetric(right, system.tolerance))
+    tight = 0.1 * system.tolerance
+
+    def product(direction: Pair) -> Pair:
+        return symmetric(matvec(direction), tight)[0]
+
+    start, first = symmetric(right, tight)
+    solution, info = bicgstab(product, start, tol=system.tolerance, max_iterations=100)
+    good = (first.status == int(Status.CONVERGED)) & (info.residual <= jnp.sqrt(system.tolerance))
+    return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
 
 
 def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:
-    """Number of extra rows at a bound with no force against it, as MPRGP on all rows counts them."""
-    inverse_mass = system.free / system.mass
-    square, boxes = jnp.zeros((), velocities.dtype), []
-    extra = extra_rows(system)
-    for rows in system.rows:
-        scale = rows.diagonal(inverse_mass) + rows.compliance
-        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / scale)
+    """Number of extra rows at a bound with no force against it, to within the tolerance.
+
+    The scale is energy: that of the unbound motion, and of what the rows ask of it.
+    """
+    scalar, blocks = inverse_mass(system)
+    extra, boxes = extra_rows(system), []
+    diagonals = [rows.diagonal(scalar, blocks) + rows.compliance for rows in extra]
+    square = jnp.vdot(system.target, system.mass[:, None] * system.target)
+    for rows, diagonal in zip(extra, diagonals, strict=True):
+        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonal)
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
     threshold = 10 * tolerance * jnp.sqrt(square)
-    for rows, lam in zip(extra, impulses, strict=True):
-        root = jnp.sqrt(rows.diagonal(inverse_mass) + rows.compliance)
+    bounds = extra_bounds(system, impulses)
+    for rows, lam, lower, upper, diagonal in zip(extra, impulses, *bounds, diagonals, strict=True):
+        root = jnp.sqrt(diagonal)
         gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
-        lower, upper = (None, None) if rows.bounds is None else rows.bounds
         boxes.append(make_box(lam, lower, upper).divided(1 / root).weak(lam * root, gap / root, threshold))
     return sum(boxes[1:], start=boxes[0])
 
 
 def _terms(extra: Any, slack: Any, start: Any, bounds: Any, active: Any = None) -> RowTerms:
     compliance = tuple(jnp.broadcast_to(rows.compliance, rows.bias.shape) for rows in extra)
-    lower, upper = zip(*bounds, strict=True)
-    return RowTerms(slack, compliance, lower, upper, start, compliance, active or (None,) * len(extra))
+    return RowTerms(slack, compliance, bounds[0], bounds[1], start, compliance, active or (None,) * len(extra))
 
 
-def _minimize(
-    system: System, gradient: Array, terms: RowTerms, absolute: Any
-) -> tuple[Array, tuple[Array, ...], SolveInfo]:
-    """The semismooth solve in solver order, from a gradient in the user's."""
-    matrix, pattern = condensed_matrix(system), system.pattern
-    rows = tuple(_placed(system, each) for each in extra_rows(system))
-    diagonal = matrix.diagonal_blocks
+def _minimizer(system: System) -> Any:
+    """(gradient, terms, tolerance, absolute, follow) -> the semismooth solve, all in the user's order."""
+    matrix, order = condensed_matrix(system), SolverOrder(system)
+    rows = tuple(order.placed(each) for each in extra_rows(system))
+    diagonal = jnp.concatenate([matrix.diagonal_blocks, order.rigid_blocks])
     inverse = inverse_blocks(diagonal)
     local = tuple(local_compliance(each, inverse) for each in rows)
-    step, impulses, info = minimize_with_rows(
-        matrix.apply,
-        pattern.gathered(gradient),
-        rows,
-        terms.replace(local=local),  # type: ignore[attr-defined]
-        _preconditioner(system, matrix, rows),
-        tol=system.tolerance,
-        max_iterations=system.max_iterations,
-        absolute=absolute,
-    )
-    return pattern.scattered(step), impulses, info
+    precondition, product = _preconditioner(system, matrix, order, diagonal, rows), order.product(matrix)
+
+    def with_rows(stiffness: tuple[Array, ...]) -> Callable[[Array], Array]:
+        return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
+
+    def solve(gradient: Array, terms: RowTerms, tolerance: Any, absolute: Any, follow: Any) -> Any:
+        step, impulses, info = minimize_with_rows(
+            product,
+            order.gathered(gradient),
+            rows,
+            terms.replace(local=local),  # type: ignore[attr-defined]
+            precondition,
+            tol=tolerance,
+            max_iterations=system.max_iterations,
+            absolute=absolute,
+            follow=follow,
+            stiffened=with_rows,
+        )
+        return order.scattered(step), impulses, info
+
+    return solve
 
 
-def _placed(system: System, rows: PointRows) -> PointRows:
-    """The rows on unknowns in solver order, without their hold on fixed nodes."""
-    pattern = system.pattern
-    moving = jnp.repeat(system.free[rows.triples], 3, axis=1)[:, None]
-    triples, count = pattern.place[rows.triples], pattern.order.shape[0]
-    return rows.replace(triples=triples, jacobian=rows.jacobian * moving, unknowns=count)  # type: ignore[attr-defined]
+class SolverOrder:
+    """All triples in the solver's order: nodes group by group, padded, then the rigid bodies' two triples each."""
+
+    def __init__(self, system: System):
+        self.system, self.pattern = system, system.pattern
+        self.nodes, padded = self.pattern.place.shape[0], self.pattern.order.shape[0]
+        rigid = system.mass.shape[0] - self.nodes
+        self.count = padded + rigid
+        self.place = jnp.concatenate([self.pattern.place, padded + jnp.arange(rigid, dtype=self.pattern.place.dtype)])
+
+    @property
+    def rigid_blocks(self) -> Array:
+        """Masses and inertias of rigid bodies as blocks (2 b, 3, 3)."""
+        inertia = self.system.inertia
+        if inertia is None:
+            return jnp.zeros((0, 3, 3), self.system.mass.dtype)
+        mass = self.system.mass[self.nodes : self.nodes + inertia.shape[0]]
+        return jnp.concatenate([mass[:, None, None] * jnp.eye(3, dtype=mass.dtype), inertia])
+
+    def gathered(self, field: Array) -> Array:
+        """(n, 3) in solver order; zero on padding."""
+        return jnp.concatenate([self.pattern.gathered(field[: self.nodes]), field[self.nodes :]])
+
+    def scattered(self, field: Array) -> Array:
+        """A field in solver order as (n, 3)."""
+        return field[self.place]
+
+    def product(self, matrix: BlockMatrix) -> Callable[[Array], Array]:
+        """The product with the nodes' matrix and the rigid bodies' blocks."""
+        if self.system.inertia is None:
+            return matrix.apply
+        split, blocks = self.pattern.order.shape[0], self.rigid_blocks
+        return lambda x: jnp.concatenate([matrix.apply(x[:split]), jnp.einsum("bij,bj->bi", blocks, x[split:])])
+
+    def placed(self, rows: PointRows) -> PointRows:
+        """The rows on unknowns in solver order, without their hold on what does not move."""
+        moving = jnp.repeat(self.system.free[rows.triples], 3, axis=1)[:, None]
+        return rows.replace(  # type: ignore[attr-defined]
+            triples=self.place[rows.triples], jacobian=rows.jacobian * moving, unknowns=self.count
+        )
 
 
-def _preconditioner(system: System, matrix: BlockMatrix, rows: tuple[PointRows, ...]) -> Any:
-    """stiffness -> preconditioner: P = (D + J' k J)^-1 on the nodes, and the coarse space seen through it.
+def _preconditioner(
+    system: System, matrix: BlockMatrix, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
+) -> Any:
+    """stiffness -> preconditioner: P = (D + J' k J)^-1 on the triples, and the coarse space seen through it.
 
-    P + P D B D P, with D the diagonal blocks and B the coarse correction without rows. P D takes out of the coarse
-    modes what stiff rows forbid, so B, built once for all active sets, does not fight them. Volumetric rows shared by
-    clusters are not in it: bodies near nu = 0.5 with extra rows take more iterations.
+    P + P D B D P, with D the diagonal blocks and B the coarse correction of the nodes without rows. P D takes out of
+    the coarse modes what stiff rows forbid, so B, built once for all active sets, does not fight them. Volumetric rows
+    shared by clusters are not in it: bodies near nu = 0.5 with extra rows take more iterations.
     """
-    coarse = coarse_correction(group_modes(system), system.coarse)
-    diagonal = matrix.diagonal_blocks
+    coarse, split = coarse_correction(group_modes(system), system.coarse), order.pattern.order.shape[0]
 
     def weighted(field: Array) -> Array:
-        return jnp.einsum("nij,nj->ni", diagonal, field)
+        return jnp.einsum("nij,nj->ni", diagonal[:split], field)
 
     def build(stiffness: tuple[Array, ...]) -> Any:
         smooth = smoother(diagonal, tuple(map(RowStiffness, rows, stiffness)))
 
         def apply(residual: Array) -> Array:
             first = smooth(residual)
-            return first + smooth(weighted(coarse(weighted(first))))
+            modes = weighted(coarse(weighted(first[:split])))
+            return first + smooth(jnp.concatenate([modes, jnp.zeros_like(first[split:])]))
 
         return apply
 

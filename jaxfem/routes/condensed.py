@@ -16,15 +16,16 @@ Array = jax.Array
 
 
 def condensed_matrix(system: System) -> BlockMatrix:
-    """M + J' C^-1 J of the step in solver order, fixed nodes decoupled."""
-    rows = elastic_part(system).rows
-    return assemble_rows(rows, system.mass, system.free, system.pattern, system.coupling)  # type: ignore[arg-type]
+    """M + J' C^-1 J of the step's nodes in solver order, fixed nodes decoupled."""
+    rows, nodes = elastic_part(system).rows, system.positions.shape[0]
+    return assemble_rows(rows, system.mass[:nodes], system.free[:nodes], system.pattern, system.coupling)  # type: ignore[arg-type]
 
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
     rotations = [rows.rotation for rows in elastic_part(system).rows if not rows.domains.volumetric]  # type: ignore[attr-defined]
-    return rigid_modes(system.pattern, system.positions, system.free, jnp.concatenate(rotations, axis=-1))
+    free = system.free[: system.positions.shape[0]]
+    return rigid_modes(system.pattern, system.positions, free, jnp.concatenate(rotations, axis=-1))
 
 
 def coarse_of(system: System) -> Array:

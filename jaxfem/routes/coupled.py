@@ -12,9 +12,8 @@ import jax.numpy as jnp
 
 from jaxfem.bodies.rigid import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
 from jaxfem.model import Model, Params, State
-from jaxfem.pytrees import pytree, static
 from jaxfem.rotation import quaternion_to_matrix
-from jaxfem.routes.system import System, step_system
+from jaxfem.routes.system import Friction, System, inverse_mass, step_system
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.contact import contact_rows
 from jaxfem.rows.joints import PointLock, tension_stiffness
@@ -24,24 +23,17 @@ from jaxfem.tensors import inverse_blocks
 Array = jax.Array
 
 
-@pytree
-class Friction:
-    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
-
-    coefficient: Array
-    normal: int = static()
-    tangent: int = static()
-
-
 TRACE = {True: 1e-9, False: 1e-6}
 """Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
 STIFFNESS_ONSET = 1.0
 """dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
 
 
-def coupled_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None = None) -> System:
-    """The step's system on all triples: n nodes, b linear, b angular."""
-    soft = step_system(model, params, state, dt, forces)
+def coupled_system(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
+) -> System:
+    """The step's system on all triples: n nodes, b linear, b angular. `coarse` as in `step_system`."""
+    soft = step_system(model, params, state, dt, forces, coarse)
     at = configuration(state)
     system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
     rows: Any = soft.rows
@@ -49,7 +41,7 @@ def coupled_system(model: Model, params: Params, state: State, dt: Array, forces
     extra = [model.joints[name].rows(at, params.joints[name], dt) for name in sorted(model.joints)]
     friction = []
     for name in sorted(model.contacts):
-        values, speeds = params.contacts[name], (_velocities(state), system.target)
+        values, speeds = params.contacts[name], (velocities_of(state), system.target)
         normal, tangent = contact_rows(model.contacts[name], at, values, dt, *speeds)
         extra.append(normal)
         if tangent is not None:
@@ -60,7 +52,7 @@ def coupled_system(model: Model, params: Params, state: State, dt: Array, forces
     return system.replace(rows=elastic + hardened, friction=tuple(friction))  # type: ignore[attr-defined]
 
 
-def _velocities(state: State) -> Array:
+def velocities_of(state: State) -> Array:
     """Velocities of all triples at the start of the step."""
     if state.rigid is None:
         return state.velocities
@@ -73,15 +65,6 @@ def configuration(state: State) -> Configuration:
         zero = jnp.zeros((0, 3), state.positions.dtype)
         return Configuration(state.positions, zero, jnp.zeros((0, 3, 3), zero.dtype))
     return Configuration(state.positions, state.rigid.positions, quaternion_to_matrix(state.rigid.orientations))
-
-
-def inverse_mass(system: System) -> tuple[Array, Array | None]:
-    """Inverse masses (n,), zero on what does not move and on angular triples, and angular blocks (b, 3, 3) or None."""
-    scalar = jnp.where(system.mass > 0, system.free / jnp.where(system.mass > 0, system.mass, 1), 0)
-    if system.inertia is None:
-        return scalar, None
-    bodies = system.inertia.shape[0]
-    return scalar, inverse_blocks(system.inertia) * system.free[-bodies:, None, None]
 
 
 def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> Array:
@@ -110,11 +93,13 @@ def _with_rigid(soft: System, model: Any, params: Any, state: Any, dt: Array, at
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
     targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, spin, angular)
+    size = mass[:, None] * (jnp.abs(rigid.velocities) + dt * jnp.abs(params.gravity))
     return soft.replace(  # type: ignore[attr-defined]
         mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
         target=jnp.concatenate([soft.target, *targets]),
         prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
         free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
+        floor=soft.floor + jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * jnp.linalg.norm(size)),
         inertia=inertia,
     )
 

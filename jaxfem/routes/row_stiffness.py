@@ -39,6 +39,25 @@ def local_compliance(rows: PointRows, inverse: Array) -> Array:
     return jnp.einsum("mrai,maij,mraj->mr", parts, inverse[rows.triples], parts)
 
 
+def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -> Callable[[Array], Array]:
+    """x -> S x + J' k J x on fields (N, 3): rows on one node each as one block a node, without a scatter a product."""
+    single = [kind for kind in kinds if kind.single]
+    several = [kind for kind in kinds if not kind.single]
+    blocks = jnp.zeros((kinds[0].rows.unknowns, 3, 3), kinds[0].stiffness.dtype)
+    for kind in single:
+        blocks = blocks.at[kind.rows.triples].add(kind.node_blocks())
+
+    def apply(x: Array) -> Array:
+        product = matvec(x)
+        if single:
+            product = product + jnp.einsum("nij,nj->ni", blocks, x)
+        for kind in several:
+            product = product + kind.rows.apply_transpose(kind.stiffness * kind.rows.apply(x))
+        return product
+
+    return apply
+
+
 def smoother(diagonal: Array, kinds: Sequence[RowStiffness]) -> Callable[[Array], Array]:
     """r -> (D + J' k J)^-1 r on fields (N, 3): exact for rows on one node each, and for few others."""
     several = [kind for kind in kinds if not kind.single]

@@ -26,7 +26,9 @@ def solve_system(system: System, route: str, velocities: Array, impulses: Any) -
         guess = impulses if route == "mprgp" else velocities
         unknown, (info, found) = piecewise_linear_solution(_Velocities(route), system, guess)
         return merged(system, unknown), found, info
-    (unknown, own), (info, found) = piecewise_linear_solution(_Pair(route), system, (velocities, impulses))
+    (unknown, own), (info, found) = piecewise_linear_solution(
+        _Pair(route, not system.friction), system, (velocities, impulses)
+    )
     if route == "condensed" and impulses is not None:
         found = own
     return merged(system, unknown), found, info
@@ -70,6 +72,4 @@ class _Pair:
         return found, (info, None)
 
     def tangent_solve(self, system: System, unknown: Any, right: Any, matvec: Any) -> Any:
-        return or_nan(
-            *unless_zero(lambda given, side: solve_pair_tangent(given[0], given[1], side), (system, unknown), right)
-        )
+        return solve_pair_tangent(system, unknown, right, matvec)

@@ -10,13 +10,23 @@ from jaxfem.bodies.material import eigenstiffness
 from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, Pattern, State, domain_materials, elementwise, mass_coupling, nodal_mass
 from jaxfem.motion import displaced
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import pytree, static
 from jaxfem.rows.base import Rows, total_impulse
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage, moved_to
+from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
+
+
+@pytree
+class Friction:
+    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
+
+    coefficient: Array
+    normal: int = static()
+    tangent: int = static()
 
 
 @pytree
@@ -45,7 +55,7 @@ class System:
     coupling: MassCoupling | None = None
     before: Array | None = None
     inertia: Array | None = None
-    friction: tuple = ()
+    friction: tuple[Friction, ...] = ()
 
 
 def step_system(
@@ -101,17 +111,32 @@ def merged(system: System, unknown: Array) -> Array:
     return jnp.where(system.free[:, None] > 0, unknown, system.prescribed)
 
 
+def inverse_mass(system: System) -> tuple[Array, Array | None]:
+    """Inverse masses (n,), zero on what does not move and on angular triples, and angular blocks (b, 3, 3) or None."""
+    scalar = jnp.where(system.mass > 0, system.free / jnp.where(system.mass > 0, system.mass, 1), 0)
+    if system.inertia is None:
+        return scalar, None
+    bodies = system.inertia.shape[0]
+    return scalar, inverse_blocks(system.inertia) * system.free[-bodies:, None, None]
+
+
 def momentum_gradient(system: System, unknown: Array) -> Array:
     """Gradient of the primal objective, (n, 3) [N s]: M (v - v*) - J' clip((c - J v) / C, lower, upper).
 
-    Fixed nodes carry M times the unknown, so that the Hessian stays symmetric positive definite and they solve to 0.
+    Fixed triples carry M times the unknown, so that the Hessian stays symmetric positive definite and they solve to 0.
     """
     velocities = merged(system, unknown)
     mass = system.mass[:, None]
     residual = mass * (velocities - system.target) - total_impulse(system.rows, velocities)
+    own = mass * unknown
     if system.coupling is not None and system.before is not None:
         residual = residual + system.coupling.apply(velocities - system.before)
-    return jnp.where(system.free[:, None] > 0, residual, mass * unknown)
+    if system.inertia is not None:
+        change = jnp.stack([velocities - system.target, unknown])[:, -system.inertia.shape[0] :]
+        spin = jnp.einsum("bij,sbj->sbi", system.inertia, change)
+        angular = slice(-system.inertia.shape[0], None)
+        residual, own = residual.at[angular].add(spin[0]), own.at[angular].add(spin[1])
+    return jnp.where(system.free[:, None] > 0, residual, own)
 
 
 def external_force(model: Model, params: Params, positions: Array, forces: Array | None = None) -> Array:

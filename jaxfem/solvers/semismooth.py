@@ -4,7 +4,7 @@ The rows' penalty form, a piecewise quadratic, is minimised by Newton steps on i
 Alone, that breaks down for rows of tiny compliance: their penalty is ill-conditioned, and the search stops at the first
 row that it meets. So a row is given at least a share of its nodes' own compliance, and the method of multipliers (a
 proximal point method on the dual, Rockafellar 1976) takes the difference back: the centre moves to the impulses found.
-Both converge from anywhere. The share starts at one, where many rows change in one step, and falls as they settle.
+Both converge from anywhere. The share starts near one, where many rows change in one step, and falls as they settle.
 """
 
 from collections.abc import Callable, Sequence
@@ -15,20 +15,25 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import pytree
 from jaxfem.solvers import trees
+from jaxfem.solvers.box import where_at
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 Blocks = tuple[Array, ...]
+Bounds = tuple[tuple[Array | None, ...], tuple[Array | None, ...]]
 Operator = Callable[[Array], Array]
 
-SHARPER, SHARPEST = 0.1, 1e-3
-"""Factor by which the share of compliance falls each time that the active set has settled, and where it ends."""
-FORCING = 0.1
-"""Relative residual of a Newton step's linear solve."""
+START, SHARPER, SHARPEST = 0.3, 0.1, 1e-3
+"""The first share of compliance, the factor by which it falls each time that the active set has settled, its end."""
+FORCING, CLOSE = 0.1, 1e-2
+"""Relative residual of a Newton step's linear solve, while the active set changes and once it is the last step's."""
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
 MOST_TRIPS = 200
+PLAIN_TRIPS = 60
+"""Trips after which bounds that follow the impulses go half of the way only: where they circle, that brings them to
+rest."""
 
 
 class RowOperator(Protocol):
@@ -59,6 +64,10 @@ class RowTerms:
         """Compliance of at least `share` of the nodes' own."""
         soft = (jnp.maximum(c, share * w) for c, w in zip(self.compliance, self.local, strict=True))
         return tuple(jnp.where(q > 0, q, 1) for q in soft)
+
+    def within(self, bounds: "Bounds") -> "RowTerms":
+        """The same with other bounds."""
+        return self.replace(lower=bounds[0], upper=bounds[1])  # type: ignore[attr-defined]
 
     def raw(self, slack: Blocks, centre: Blocks, soft: Blocks) -> Blocks:
         """Impulses without bounds, (slack + (soft - C) centre) / soft."""
@@ -93,6 +102,7 @@ class _State:
     gradient: Array
     slack: Blocks
     centre: Blocks
+    bounds: Bounds
     share: Array
     free: Blocks
     iteration: Array
@@ -111,15 +121,21 @@ def minimize_with_rows(
     tol: Any,
     max_iterations: Any,
     absolute: Any = 0.0,
+    follow: Callable[[Blocks], Bounds] | None = None,
+    stiffened: Callable[[Blocks], Operator] | None = None,
 ) -> tuple[Array, Blocks, SolveInfo]:
     """Find the step d and impulses lam with  gradient + S d = J' lam  and  slack - J d - C lam  complementary to
     lower <= lam <= upper:  (d, lam, info).
 
     matvec: d -> S d, S symmetric positive definite.  preconditioner: stiffness of the rows in play (zero for others)
-    -> an SPD approximation of (S + J' stiffness J)^-1.
+    -> an SPD approximation of (S + J' stiffness J)^-1.  stiffened: stiffness -> the product with S + J' stiffness J,
+    where there is a faster one than by the rows.
     Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
     max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
-    conjugate gradients, as info.iterations does. No derivative rule. vmap-safe: a lane that has arrived stays as it is.
+    conjugate gradients, as info.iterations does. `follow`: impulses -> bounds, where these depend on the impulses of
+    other rows (friction): each move of the centre takes them anew, and the violation is judged by the new ones
+    (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds.
+    No derivative rule. vmap-safe: a lane that has arrived stays as it is.
     """
     none = trees.zeros(terms.start)
     scale = jnp.sqrt(trees.dot(gradient, gradient) + _size(rows, terms.violation(terms.slack, none)) ** 2)
@@ -127,26 +143,26 @@ def minimize_with_rows(
     one = jnp.ones((), gradient.dtype)
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
-    first = _State(0 * gradient, gradient, terms.slack, start, one, terms.free(start), *counts)
+    bounds = terms.lower, terms.upper
+    first = _State(0 * gradient, gradient, terms.slack, start, bounds, START * one, terms.free(start), *counts)
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
 
     def trip(s: _State) -> _State:
-        s, soft, impulses, free = _settle(rows, terms, target, s)
+        before = s.free
+        s, soft, impulses, free = _settle(rows, terms, target, s, follow)
         stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
-
-        def hessian(x: Array) -> Array:
-            moved = tuple(k * each.apply(x) for k, each in zip(stiffness, rows, strict=True))
-            return matvec(x) + _push(rows, moved)
 
         going = s.status == Status.ITERATION_LIMIT
         right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
         limit = max_iterations - s.iteration
         precondition = preconditioner(stiffness)
-        step, info = pcg(hessian, right, precondition, tol=FORCING, max_iterations=limit, absolute=0.7 * target)
+        hessian = _with_penalty(matvec, rows, stiffness) if stiffened is None else stiffened(stiffness)
+        depth = jnp.where(_same(free, before), CLOSE, FORCING)
+        step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
         change, along = matvec(step), tuple(each.apply(step) for each in rows)
-        length = jnp.where(going, _exact_length(terms, soft, s, step, change, along), 0)
+        length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
         moved = s.replace(  # type: ignore[attr-defined]
             step=s.step + length * step,
             gradient=s.gradient + length * change,
@@ -160,34 +176,69 @@ def minimize_with_rows(
         return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
 
     last = jax.lax.while_loop(running, trip, first)
-    impulses = terms.bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
+    impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
+    if follow is not None:
+        impulses = _snapped(impulses, last.bounds, follow(impulses))
     relative = last.residual / jnp.where(scale > 0, scale, 1)
     return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
 
 
+def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Blocks) -> Operator:
+    """x -> S x + J' stiffness J x."""
+
+    def apply(x: Array) -> Array:
+        moved = tuple(k * each.apply(x) for k, each in zip(stiffness, rows, strict=True))
+        return matvec(x) + _push(rows, moved)
+
+    return apply
+
+
 def _settle(
-    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: _State
+    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: _State, follow: Callable[[Blocks], Bounds] | None
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
     Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
     """
     soft = terms.softened(s.share)
-    raw = terms.raw(s.slack, s.centre, soft)
-    impulses, free = terms.bounded(raw), terms.free(raw)
+    raw, old = terms.raw(s.slack, s.centre, soft), terms.within(s.bounds)
+    impulses, free = old.bounded(raw), old.free(raw)
+    wanted = s.bounds if follow is None else follow(impulses)
     near = trees.norm(s.gradient - _push(rows, impulses))
-    far = _size(rows, terms.violation(s.slack, impulses))
+    far = _size(rows, terms.within(wanted).violation(s.slack, impulses))
     residual = jnp.sqrt(near**2 + far**2)
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
-    same = jnp.stack([jnp.all(a == b) for a, b in zip(free, s.free, strict=True)]).all()
-    share = jnp.where(moving & same, jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
+    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
     centre = trees.where(moving, impulses, s.centre)
-    settled = s.replace(centre=centre, share=share, residual=residual, status=status)  # type: ignore[attr-defined]
-    soft = terms.softened(share)
+    bounds = s.bounds if follow is None else trees.where(moving, _towards(s, wanted), s.bounds)
+    settled = s.replace(centre=centre, bounds=bounds, share=share, residual=residual, status=status)  # type: ignore[attr-defined]
+    soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
-    return settled.replace(free=terms.free(raw)), soft, terms.bounded(raw), terms.free(raw)
+    return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
+
+
+def _same(a: Blocks, b: Blocks) -> Array:
+    return jnp.stack([jnp.all(one == other) for one, other in zip(a, b, strict=True)]).all()
+
+
+def _towards(s: _State, wanted: Bounds) -> Bounds:
+    """The bounds that the impulses ask for, or half of the way to them."""
+    part = jnp.where(s.trips < PLAIN_TRIPS, 1.0, 0.5)
+    return jax.tree.map(lambda old, new: jnp.where(jnp.isfinite(new), old + part * (new - old), new), s.bounds, wanted)
+
+
+def _snapped(impulses: Blocks, old: Bounds, new: Bounds) -> Blocks:
+    """Impulses with those at an old bound put on the new one, and all within the new ones."""
+
+    def placed(lam: Array, old_low: Any, old_up: Any, low: Any, up: Any) -> Array:
+        if low is None:
+            return lam
+        at_low, at_up, _ = where_at(old_low, old_up, lam)
+        return jnp.where(at_up, up, jnp.where(at_low, low, jnp.clip(lam, low, up)))
+
+    return tuple(placed(*each) for each in zip(impulses, *old, *new, strict=True))
 
 
 def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change: Array, along: Blocks) -> Array:
