@@ -24,7 +24,7 @@ from jaxfem.scene import Scene, SceneError, SoftBody
 from jaxfem.schemes import SCHEMES
 
 ROTATIONS = ("explicit", "implicit")
-SOLVERS = ("auto", "condensed", "mprgp", "pgs")
+SOLVERS = ("auto", "condensed", "direct", "mprgp", "pgs")
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.

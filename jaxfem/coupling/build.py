@@ -11,6 +11,7 @@ from jaxfem.coupling.joints import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.routes.coupled import coupled_system
+from jaxfem.routes.row_factor import elimination_of
 from jaxfem.scene import Scene
 
 
@@ -21,10 +22,10 @@ def with_coupling(
 
     `names`: unique names of all bodies, in the scene's order.
     """
-    rigid, dtype = scene.rigid, model.rest.dtype
+    rigid, dtype, asked = scene.rigid, model.rest.dtype, model.solver
     if not (rigid or scene.joints or scene.contacts):
-        if model.solver == "pgs":
-            raise SceneError('solver "pgs" is for scenes with rigid bodies, joints or contacts: use "auto" here')
+        if model.solver in ("direct", "pgs"):
+            raise SceneError(f'solver "{model.solver}" is for scenes with rigid bodies, joints or contacts: use "auto" here')
         return model, params, state
     own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
     index = BodyIndex(scene.soft, model.bodies, rigid, own)
@@ -47,14 +48,29 @@ def with_coupling(
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(  # type: ignore[attr-defined]
-        joints=joints, contacts=contacts, solver=_solver(model.solver)
+        joints=joints, contacts=contacts, solver="pgs" if model.solver == "pgs" else "mprgp"
     )
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
+    model = _with_elimination(model, params, state, asked)
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
 
-def _solver(asked: str) -> str:
-    return "pgs" if asked == "pgs" else "mprgp"
+def _with_elimination(model: Model, params: Params, state: State, asked: str) -> Model:
+    """The model with the order of its elimination and solver "direct", where that is asked for or better."""
+    if asked not in ("condensed", "direct"):
+        return model
+    order = None
+    if not model.domains and model.rigid is not None:
+        system = jax.jit(coupled_system)(model, params, state, jnp.ones((), model.rest.dtype))
+        order = elimination_of(system)
+    if order is not None:
+        return model.replace(elimination=order, solver="direct")  # type: ignore[attr-defined]
+    if asked == "direct":
+        raise SceneError(
+            'solver "direct" eliminates the rows of rigid bodies: this scene has soft bodies or nothing that ties its '
+            'rigid ones, or so many ties that elimination is too dear. Use "auto", "mprgp" or "pgs"'
+        )
+    return model
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:

@@ -57,7 +57,9 @@ def coupled_system(model: Model, params: Params, state: State, dt: Array, forces
             last = len(elastic) + len(extra) - 1
             friction.append(Friction(values.friction, last - 1, last))
     hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
-    return system.replace(rows=elastic + hardened, friction=tuple(friction))  # type: ignore[attr-defined]
+    return system.replace(  # type: ignore[attr-defined]
+        rows=elastic + hardened, friction=tuple(friction), elimination=model.elimination
+    )
 
 
 def _velocities(state: State) -> Array:

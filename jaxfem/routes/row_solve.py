@@ -14,6 +14,7 @@ import jax.scipy.sparse.linalg
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
+from jaxfem.routes.row_elimination import search_by_elimination
 from jaxfem.routes.gauss_seidel import projected_step, search_by_sweeps
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
@@ -109,6 +110,9 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
 
     def once(start: Impulses, radii: tuple[Array, ...]) -> tuple[Impulses, Any, SolveInfo]:
         bounds = row_bounds(system, radii)
+        if solver == "direct":
+            found, info = search_by_elimination(system, start, operator, right, diagonal, bounds)
+            return found, _sides(found, bounds), info
         found, info = mprgp_loop(
             operator,
             right,
