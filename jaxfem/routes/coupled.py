@@ -96,6 +96,16 @@ def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> 
     return velocities.at[-bodies:].set(jnp.einsum("bij,bj->bi", blocks, momentum[-bodies:]))
 
 
+def apply_mass(system: System, velocities: Array) -> Array:
+    """M times (n, 3) on all that moves freely."""
+    momentum = (system.free * system.mass)[:, None] * velocities
+    if system.inertia is None:
+        return momentum
+    bodies = system.inertia.shape[0]
+    turning = jnp.einsum("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
+    return momentum.at[-bodies:].set(turning)
+
+
 def advance_rigid(model: Model, params: Params, state: State, velocities: Array, dt: Array) -> Any:
     """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies."""
     if model.rigid is None or params.rigid is None or state.rigid is None:

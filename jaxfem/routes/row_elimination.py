@@ -2,8 +2,10 @@
 
 The rows found at a bound are held there, the others solved for exactly; then rows outside their bounds are put on them,
 and those that are held against their will let go (primal-dual active set: Hintermueller, Ito & Kunisch 2002). That ends
-after a few rounds, but not for certain. So MPRGP has the last word: it starts from what was found, takes no step where
-that is the answer, and finds the answer where it is not.
+after a few rounds, but not for certain. Where it has not, MPRGP goes on from there.
+
+Velocities are carried along, v = v* + M^-1 J' lam: a residual c - J v - C lam measured on *them* knows no rounding of
+large impulses that cancel, only that of the last corrections. Single precision reaches 1e-5 so, where tension is great.
 """
 
 from typing import Any
@@ -12,26 +14,37 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import pytree
+from jaxfem.routes.coupled import apply_inverse_mass, apply_mass, inverse_mass
 from jaxfem.routes.row_factor import row_preconditioner
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
+from jaxfem.solvers.box import make_box
 from jaxfem.solvers.mprgp import mprgp_loop
-from jaxfem.solvers.pcg import pcg
-from jaxfem.solvers.status import SolveInfo
+from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 Impulses = tuple[Array, ...]
 
 ROUNDS = 20
 REFINEMENTS = 30
-SHARE = 0.1  # of the tolerance, for each part of the work before the last word
-ROUNDING = 4.0  # times the precision and the size of the terms of A lam: a residual with nothing but rounding left
+SLACK = 0.1  # of the tolerance: how far a row may be out of its bounds, or pull on them, without a change of sides
+ROUNDING = 4.0  # times the precision times the size of the velocities: a residual with nothing but rounding in it
+
+
+@pytree
+class _Found:
+    """Impulses, the velocities that they give, and the residual c - J v - C lam of all rows."""
+
+    impulses: Impulses
+    velocities: Array
+    residual: Impulses
 
 
 @pytree
 class _Round:
-    impulses: Impulses
+    found: _Found
     sides: Impulses
+    size: Array
     changed: Array
     rounds: Array
     products: Array
@@ -39,47 +52,59 @@ class _Round:
 
 def search_by_elimination(
     system: System, guess: Impulses, operator: Any, right: Impulses, diagonal: Impulses, bounds: tuple
-) -> tuple[Impulses, SolveInfo]:
-    """Impulses within `bounds`, and info; its iterations are products with A."""
+) -> tuple[Impulses, Array, SolveInfo]:
+    """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A."""
     root = jax.tree.map(jnp.sqrt, diagonal)
-    wanted = system.tolerance * trees.norm(jax.tree.map(jnp.divide, right, root))
-    bounded = any(low is not None for low in bounds[0])
+    scale = trees.norm(jax.tree.map(jnp.divide, right, root))
+    # What a step cannot do better than: the rounding of velocities as large as those in it.
+    energy = jnp.sum(system.target * apply_mass(system, system.target))
+    floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
+    wanted = jnp.maximum(system.tolerance * scale, floor)
+    slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
+    inverse = inverse_mass(system)
 
-    def solved(sides: Impulses) -> tuple[Impulses, Array]:
-        return _solve_free(system, operator, right, diagonal, sides, held_at(sides, bounds), SHARE * wanted)
+    def at(impulses: Impulses) -> _Found:
+        return _measured(system, impulses, system.target + apply_inverse_mass(inverse, pushed(system, impulses)))
 
-    if not bounded:
-        found, products = solved(trees.zeros(guess))
+    def trip(last: _Round) -> _Round:
+        start = _held(last.found.impulses, last.sides, bounds)
+        found, size, products = _refined(system, at(start), last.sides, diagonal, wanted)
+        sides = _judged(found, diagonal, last.sides, slack, bounds)
+        pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
+        changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
+        return _Round(found, sides, size, changed, last.rounds + 1, last.products + products + 1)
+
+    zero = jnp.int32(0)
+    nothing = _Found(guess, system.target, right)
+    first = _Round(nothing, sides_of(guess, bounds), scale, jnp.bool_(True), zero, zero)
+    if all(low is None for low in bounds[0]):
+        end = trip(first)
     else:
-        slack = jax.tree.map(lambda r: SHARE * wanted / (r * trees.size(guess) ** 0.5), root)
-
-        def trip(last: _Round) -> _Round:
-            found, products = solved(last.sides)
-            gradient = trees.minus(operator(found), right)
-            sides = _judged(found, gradient, diagonal, last.sides, slack, bounds)
-            pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
-            changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
-            return _Round(found, sides, changed, last.rounds + 1, last.products + products + 1)
-
-        zero = jnp.int32(0)
-        first = _Round(guess, sides_of(guess, bounds, root), jnp.bool_(True), zero, zero)
         end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first)
-        found, products = end.impulses, end.products
-    floor = ROUNDING * jnp.finfo(root[0].dtype).eps * trees.norm(trees.times(root, found))
-    size = trees.norm(jax.tree.map(jnp.divide, right, root))
-    found, info = mprgp_loop(
-        operator,
-        right,
-        *bounds,
-        x0=found,
-        diagonal=diagonal,
-        tol=jnp.maximum(wanted, floor) / jnp.where(size > 0, size, 1),
-        max_iterations=system.max_iterations,
-    )
-    return found, info.replace(iterations=info.iterations + products)  # type: ignore[attr-defined]
+    impulses = _clipped(end.found.impulses, bounds)
+    change = trees.minus(impulses, end.found.impulses)
+    velocities = end.found.velocities + apply_inverse_mass(inverse, pushed(system, change))
+    good = (end.size <= wanted) & ~end.changed
+    relative = end.size / jnp.where(scale > 0, scale, 1)
+    scaling = jax.tree.map(lambda r: 1 / r, root)
+    box = make_box(right, *bounds).divided(scaling)
+    weak = box.weak(trees.times(root, impulses), jax.tree.map(jnp.divide, end.found.residual, root), 10 * wanted)
+    info = SolveInfo(jnp.int32(Status.CONVERGED), end.products, relative, weak)
+
+    def go_on() -> tuple[Impulses, Array, SolveInfo]:
+        limit = jnp.where(good, 0, system.max_iterations)
+        tolerance = wanted / jnp.where(scale > 0, scale, 1)
+        sound = jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses)
+        further, info = mprgp_loop(
+            operator, right, *bounds, x0=sound, diagonal=diagonal, tol=tolerance, max_iterations=limit
+        )
+        reached = at(further).velocities
+        return further, reached, info.replace(iterations=info.iterations + end.products)  # type: ignore[attr-defined]
+
+    return jax.lax.cond(good, lambda: (impulses, velocities, info), go_on)
 
 
-def sides_of(found: Impulses, bounds: tuple, like: Impulses) -> Impulses:
+def sides_of(found: Impulses, bounds: tuple) -> Impulses:
     """The side of its bounds that each impulse is at or beyond: -1, 1; 0 between, and without bounds."""
 
     def side(lam: Array, low: Any, up: Any) -> Array:
@@ -88,15 +113,67 @@ def sides_of(found: Impulses, bounds: tuple, like: Impulses) -> Impulses:
     return tuple(side(*each) for each in zip(found, *bounds, strict=True))
 
 
-def held_at(sides: Impulses, bounds: tuple) -> Impulses:
-    """Impulses of the rows at a bound; zero for all others."""
+def pushed(system: System, impulses: Impulses) -> Array:
+    """J' lam of all rows, (n, 3)."""
+    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
+    return sum(parts, start=jnp.zeros_like(system.target))
 
-    def value(side: Array, low: Any, up: Any) -> Array:
-        if low is None:
-            return jnp.zeros_like(side)
-        return jnp.where(side < 0, low, jnp.where(side > 0, up, 0))
 
-    return tuple(value(*each) for each in zip(sides, *bounds, strict=True))
+def _measured(system: System, impulses: Impulses, velocities: Array) -> _Found:
+    pairs = zip(system.rows, impulses, strict=True)
+    residual = tuple(rows.bias - rows.apply(velocities) - rows.compliance * lam for rows, lam in pairs)
+    return _Found(impulses, velocities, residual)
+
+
+def _refined(
+    system: System, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array
+) -> tuple[_Found, Array, Array]:
+    """A lam = b on the rows between their bounds: what is found, the residual's size there, and how many products.
+
+    Conjugate gradients with residuals measured anew and the directions' own product (Golub & Ye 1999), preconditioned
+    by the factor: one trip where that is exact.
+    """
+    free = jax.tree.map(lambda side: (side == 0).astype(side.dtype), sides)
+    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
+    precondition, inverse = row_preconditioner(system, diagonal, free), inverse_mass(system)
+
+    def running(carry: Any) -> Array:
+        _, residual, _, _, trips = carry
+        return (trees.norm(residual) > wanted) & (trips < jnp.minimum(REFINEMENTS, system.max_iterations))
+
+    def trip(carry: Any) -> Any:
+        found, residual, before, direction, trips = carry
+        z = precondition(residual)
+        old, new = trees.dot(before, direction), trees.dot(trees.minus(residual, before), z)
+        beta = jnp.where((trips > 0) & (old > 0), jnp.maximum(new, 0) / jnp.where(old > 0, old, 1), 0)
+        direction = trees.plus(z, beta, direction)
+        change = trees.times(scale, direction)
+        push = pushed(system, change)
+        moved = apply_inverse_mass(inverse, push)
+        soft = sum(jnp.sum(rows.compliance * lam**2) for rows, lam in zip(system.rows, change, strict=True))
+        curvature = jnp.sum(push * moved) + soft
+        alpha = jnp.where(curvature > 0, trees.dot(residual, direction) / jnp.where(curvature > 0, curvature, 1), 0)
+        here = _measured(system, trees.plus(found.impulses, alpha, change), found.velocities + alpha * moved)
+        return here, trees.times(scale, here.residual), residual, direction, trips + 1
+
+    first = trees.times(scale, found.residual)
+    found, residual, _, _, trips = jax.lax.while_loop(
+        running, trip, (found, first, first, trees.zeros(first), jnp.int32(0))
+    )
+    return found, trees.norm(residual), trips
+
+
+def _held(impulses: Impulses, sides: Impulses, bounds: tuple) -> Impulses:
+    """Impulses with those at a bound put on it."""
+
+    def value(lam: Array, side: Array, low: Any, up: Any) -> Array:
+        return lam if low is None else jnp.where(side < 0, low, jnp.where(side > 0, up, lam))
+
+    return tuple(value(*each) for each in zip(impulses, sides, *bounds, strict=True))
+
+
+def _clipped(impulses: Impulses, bounds: tuple) -> Impulses:
+    return tuple(lam if low is None else jnp.clip(lam, low, up) for lam, low, up in zip(impulses, *bounds, strict=True))
 
 
 def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
@@ -104,36 +181,16 @@ def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
     return jnp.where(low >= up, -1, outside).astype(lam.dtype)
 
 
-def _judged(found, gradient, diagonal, sides, slack, bounds) -> Impulses:
-    """Sides for the next round: where a step down the gradient of the rows held, or the impulse found, leads outside."""
+def _judged(found: _Found, diagonal: Impulses, sides: Impulses, slack: Impulses, bounds: tuple) -> Impulses:
+    """Sides for the next round: where the impulse found, or a step along the residual of the rows held, leads outside.
 
-    def one(lam, g, d, side, s, low, up):
+    A held row stays unless its residual points inwards by more than the slack.
+    """
+
+    def one(lam, residual, d, side, s, low, up):
         if low is None:
             return side
-        # A held row stays unless its gradient points inwards by more than the slack.
-        return jnp.where(side == 0, _side(lam, low, up, s), _side(lam - g / d, low, up, -s))
+        return jnp.where(side == 0, _side(lam, low, up, s), _side(lam + residual / d, low, up, -s))
 
-    return tuple(one(*each) for each in zip(found, gradient, diagonal, sides, slack, *bounds, strict=True))
-
-
-def _solve_free(
-    system: System, operator: Any, right: Impulses, diagonal: Impulses, sides: Impulses, held: Impulses, target: Array
-) -> tuple[Impulses, Array]:
-    """Impulses with those at a bound held there and A lam = b on the others, to the target; and how many products."""
-    free = jax.tree.map(lambda side: (side == 0).astype(side.dtype), sides)
-    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
-    still = jax.tree.map(lambda f: 1 - f, free)
-
-    def scaled(y: Impulses) -> Impulses:
-        return trees.plus(trees.times(scale, operator(trees.times(scale, y))), 1.0, trees.times(still, y))
-
-    rest = trees.times(scale, trees.minus(right, operator(held)))
-    y, info = pcg(
-        scaled,
-        rest,
-        row_preconditioner(system, diagonal, free),
-        tol=0.0,
-        absolute=target,
-        max_iterations=jnp.minimum(system.max_iterations, REFINEMENTS),
-    )
-    return trees.plus(held, 1.0, trees.times(scale, y)), info.iterations
+    each = zip(found.impulses, found.residual, diagonal, sides, slack, *bounds, strict=True)
+    return tuple(one(*arguments) for arguments in each)

@@ -14,7 +14,7 @@ import jax.scipy.sparse.linalg
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
-from jaxfem.routes.row_elimination import search_by_elimination
+from jaxfem.routes.row_elimination import pushed, search_by_elimination
 from jaxfem.routes.gauss_seidel import projected_step, search_by_sweeps
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
@@ -45,8 +45,8 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
         return _velocities(system, ()), (SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero), ())
     held = jax.lax.stop_gradient((system, guess))
     cone = solver == "pgs" and bool(system.friction)
-    found, sides, info = jax.lax.stop_gradient(_search(*held, solver))
-    found, sides = checkpoint_name((found, sides), SOLUTION)
+    found, (sides, reached), info = jax.lax.stop_gradient(_search(*held, solver))
+    found, sides, reached = checkpoint_name((found, sides, reached), SOLUTION)
     operator, right, diagonal = row_operator(system)
     weights = jax.lax.stop_gradient(diagonal)
 
@@ -66,7 +66,10 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
         symmetric=not system.friction,
     )
     impulses = _settled(system, sides, trees.minus(found, correction))
-    return _velocities(system, impulses), (info, impulses)
+    velocities = _velocities(system, impulses)
+    if reached is not None:  # the same velocities, but for rounding
+        velocities = velocities + jax.lax.stop_gradient(reached - velocities)
+    return velocities, (info, impulses)
 
 
 def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
@@ -74,7 +77,7 @@ def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
     inverse = inverse_mass(system)
 
     def push(impulses: Impulses) -> Array:
-        return apply_inverse_mass(inverse, _pushed(system, impulses))
+        return apply_inverse_mass(inverse, pushed(system, impulses))
 
     def operator(impulses: Impulses) -> Impulses:
         velocities = push(impulses)
@@ -100,19 +103,20 @@ def row_bounds(system: System, radii: tuple[Array, ...]) -> tuple[tuple, tuple]:
 
 
 def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any, SolveInfo]:
-    """Impulses, the side of the bound that each is at (-1, 1; 0 between), and info."""
+    """Impulses; the side of the bound that each is at (-1, 1; 0 between), and velocities if known better than from
+    the impulses; and info."""
     operator, right, diagonal = row_operator(system)
     if solver == "pgs":
         found, info = search_by_sweeps(system, guess, operator, right)
         frictional = {each.tangent for each in system.friction}
         own = [(None, None) if i in frictional or r.bounds is None else r.bounds for i, r in enumerate(system.rows)]
-        return found, _sides(found, tuple(zip(*own, strict=True))), info
+        return found, (_sides(found, tuple(zip(*own, strict=True))), None), info
 
     def once(start: Impulses, radii: tuple[Array, ...]) -> tuple[Impulses, Any, SolveInfo]:
         bounds = row_bounds(system, radii)
         if solver == "direct":
-            found, info = search_by_elimination(system, start, operator, right, diagonal, bounds)
-            return found, _sides(found, bounds), info
+            found, velocities, info = search_by_elimination(system, start, operator, right, diagonal, bounds)
+            return found, (_sides(found, bounds), jnp.where(system.free[:, None] > 0, velocities, system.prescribed)), info
         found, info = mprgp_loop(
             operator,
             right,
@@ -122,7 +126,7 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
             tol=system.tolerance,
             max_iterations=system.max_iterations,
         )
-        return found, _sides(found, bounds), info
+        return found, (_sides(found, bounds), None), info
 
     if not system.friction:
         return once(guess, ())
@@ -216,13 +220,8 @@ def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -
 
 
 def _velocities(system: System, impulses: Impulses) -> Array:
-    pushed = system.target + apply_inverse_mass(inverse_mass(system), _pushed(system, impulses))
-    return jnp.where(system.free[:, None] > 0, pushed, system.prescribed)
-
-
-def _pushed(system: System, impulses: Impulses) -> Array:
-    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
-    return sum(parts, start=jnp.zeros_like(system.target))
+    velocities = system.target + apply_inverse_mass(inverse_mass(system), pushed(system, impulses))
+    return jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
 
 
 def _diagonal(rows: Any, inverse: tuple[Array, Array | None]) -> Array:
