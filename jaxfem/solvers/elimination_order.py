@@ -17,6 +17,9 @@ WIDTHS = (1, 4, 8)
 LEAST_ROUND = 16
 """Rounds with fewer leaves are left to the core: a dense block takes them faster."""
 
+LEAST_BLOCK = 16
+"""Nodes in a dense block at least, where there are so many: smaller ones would take more steps."""
+
 
 @pytree
 class Leaves:
@@ -154,11 +157,9 @@ def upper_pairs(width: int) -> list[tuple[int, int]]:
 
 def _core(core: list[int], neighbours: list[set[int]], blocks, count: int, zero: int) -> Core:
     rows, columns = _links(core, neighbours)
-    size = max(1, int(np.abs(rows - columns).max(initial=0)))
+    size = max(LEAST_BLOCK, int(np.abs(rows - columns).max(initial=0)))
     number = -(-len(core) // size)
-    size = -(-len(core) // number)  # the same number of blocks, as even as can be, and still wide enough
-    if number > 1:
-        size = max(size, int(np.abs(rows - columns).max()))
+    size = min(size, len(core))
     nodes = np.full((number, size), count)
     nodes.ravel()[: len(core)] = core
     diagonal = np.full((number, size, size), zero)
