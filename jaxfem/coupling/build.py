@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.coupling.bodies import BodyIndex, rigid_parts
 from jaxfem.coupling.contacts import contact_parts
@@ -25,7 +26,9 @@ def with_coupling(
     rigid, dtype, asked = scene.rigid, model.rest.dtype, model.solver
     if not (rigid or scene.joints or scene.contacts):
         if model.solver in ("direct", "pgs"):
-            raise SceneError(f'solver "{model.solver}" is for scenes with rigid bodies, joints or contacts: use "auto" here')
+            raise SceneError(
+                f'solver "{model.solver}" is for scenes with rigid bodies, joints or contacts: use "auto" here'
+            )
         return model, params, state
     own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
     index = BodyIndex(scene.soft, model.bodies, rigid, own)
@@ -61,8 +64,8 @@ def _with_elimination(model: Model, params: Params, state: State, asked: str) ->
         return model
     order = None
     if not model.domains and model.rigid is not None:
-        system = jax.jit(coupled_system)(model, params, state, jnp.ones((), model.rest.dtype))
-        order = elimination_of(system)
+        triples = jax.jit(_triples)(model, params, state)  # nothing but these is compiled
+        order = elimination_of([np.asarray(each) for each in triples], _no_impulses(model, params, state), model.rigid)
     if order is not None:
         return model.replace(elimination=order, solver="direct")  # type: ignore[attr-defined]
     if asked == "direct":
@@ -71,6 +74,12 @@ def _with_elimination(model: Model, params: Params, state: State, asked: str) ->
             'rigid ones, or so many ties that elimination is too dear. Use "auto", "mprgp" or "pgs"'
         )
     return model
+
+
+def _triples(model: Model, params: Params, state: State) -> tuple:
+    """Triples that each kind of rows acts on."""
+    system = coupled_system(model, params, state, jnp.ones((), model.rest.dtype))
+    return tuple(rows.triples for rows in system.rows)
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:

@@ -62,46 +62,58 @@ def search_by_elimination(
     wanted = jnp.maximum(system.tolerance * scale, floor)
     slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
     inverse = inverse_mass(system)
+    bounded = any(low is not None for low in bounds[0])
 
     def at(impulses: Impulses) -> _Found:
         return _measured(system, impulses, system.target + apply_inverse_mass(inverse, pushed(system, impulses)))
 
     def trip(last: _Round) -> _Round:
         start = _held(last.found.impulses, last.sides, bounds)
-        found, size, products = _refined(system, at(start), last.sides, diagonal, wanted)
+        limit = jnp.minimum(REFINEMENTS, system.max_iterations) if bounded else system.max_iterations
+        found, size, products = _refined(system, at(start), last.sides, diagonal, wanted, limit)
         sides = _judged(found, diagonal, last.sides, slack, bounds)
         pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
         changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
+        changed = changed & bounded
         return _Round(found, sides, size, changed, last.rounds + 1, last.products + products + 1)
 
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, right)
     first = _Round(nothing, sides_of(guess, bounds), scale, jnp.bool_(True), zero, zero)
-    if all(low is None for low in bounds[0]):
-        end = trip(first)
-    else:
-        end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first)
+    end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first) if bounded else trip(first)
     impulses = _clipped(end.found.impulses, bounds)
     change = trees.minus(impulses, end.found.impulses)
     velocities = end.found.velocities + apply_inverse_mass(inverse, pushed(system, change))
-    good = (end.size <= wanted) & ~end.changed
     relative = end.size / jnp.where(scale > 0, scale, 1)
-    scaling = jax.tree.map(lambda r: 1 / r, root)
-    box = make_box(right, *bounds).divided(scaling)
-    weak = box.weak(trees.times(root, impulses), jax.tree.map(jnp.divide, end.found.residual, root), 10 * wanted)
-    info = SolveInfo(jnp.int32(Status.CONVERGED), end.products, relative, weak)
+    info = SolveInfo(_status(end, wanted), end.products, relative, _weak(end, impulses, root, bounds, wanted))
+    if not bounded:
+        return impulses, velocities, info
 
     def go_on() -> tuple[Impulses, Array, SolveInfo]:
-        limit = jnp.where(good, 0, system.max_iterations)
-        tolerance = wanted / jnp.where(scale > 0, scale, 1)
-        sound = jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses)
-        further, info = mprgp_loop(
-            operator, right, *bounds, x0=sound, diagonal=diagonal, tol=tolerance, max_iterations=limit
+        further, after = mprgp_loop(
+            operator,
+            right,
+            *bounds,
+            x0=jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses),
+            diagonal=diagonal,
+            tol=wanted / jnp.where(scale > 0, scale, 1),
+            max_iterations=jnp.where(info.status == 0, 0, system.max_iterations),
         )
-        reached = at(further).velocities
-        return further, reached, info.replace(iterations=info.iterations + end.products)  # type: ignore[attr-defined]
+        return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)  # type: ignore[attr-defined]
 
-    return jax.lax.cond(good, lambda: (impulses, velocities, info), go_on)
+    return jax.lax.cond(info.status == 0, lambda: (impulses, velocities, info), go_on)
+
+
+def _status(end: _Round, wanted: Array) -> Array:
+    good = jnp.where((end.size <= wanted) & ~end.changed, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    return jnp.where(jnp.isfinite(end.size), good, int(Status.NOT_FINITE)).astype(jnp.int32)
+
+
+def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: tuple, wanted: Array) -> Array:
+    """Rows at a bound with no force against it, in scaled variables."""
+    box = make_box(impulses, *bounds).divided(jax.tree.map(lambda r: 1 / r, root))
+    gradient = jax.tree.map(jnp.divide, end.found.residual, root)
+    return box.weak(trees.times(root, impulses), gradient, 10 * wanted)
 
 
 def sides_of(found: Impulses, bounds: tuple) -> Impulses:
@@ -126,7 +138,7 @@ def _measured(system: System, impulses: Impulses, velocities: Array) -> _Found:
 
 
 def _refined(
-    system: System, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array
+    system: System, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array, limit: Array
 ) -> tuple[_Found, Array, Array]:
     """A lam = b on the rows between their bounds: what is found, the residual's size there, and how many products.
 
@@ -139,7 +151,7 @@ def _refined(
 
     def running(carry: Any) -> Array:
         _, residual, _, _, trips = carry
-        return (trees.norm(residual) > wanted) & (trips < jnp.minimum(REFINEMENTS, system.max_iterations))
+        return (trees.norm(residual) > wanted) & (trips < limit)
 
     def trip(carry: Any) -> Any:
         found, residual, before, direction, trips = carry

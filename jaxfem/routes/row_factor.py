@@ -4,13 +4,13 @@ In variables scaled so that A has a unit diagonal. Rows out of play (at a bound)
 of the identity, and the order stays as it is.
 """
 
-from collections.abc import Callable
-from typing import Any
+from collections.abc import Callable, Sequence
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.bodies.rigid import RigidSet
 from jaxfem.routes.coupled import inverse_mass
 from jaxfem.routes.row_order import RowOrder, row_order
 from jaxfem.routes.system import System
@@ -53,9 +53,10 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
     pushed = _times(moved, jnp.moveaxis(_inverse_mass_blocks(system)[order.triples.reshape(-1)], 0, -1))
     ends = jnp.zeros((1, size, 3), entries.dtype)
     table, pushed_table = jnp.concatenate([entries, ends]), jnp.concatenate([jnp.moveaxis(pushed, -1, 0), ends])
-    diagonal = sum(
-        _times(pushed[:, :, t::width], moved[:, :, t::width].swapaxes(0, 1)) for t in range(width)
-    ) + own.T[:, None] * jnp.eye(size, dtype=own.dtype)[:, :, None]
+    diagonal = (
+        sum(_times(pushed[:, :, t::width], moved[:, :, t::width].swapaxes(0, 1)) for t in range(width))
+        + own.T[:, None] * jnp.eye(size, dtype=own.dtype)[:, :, None]
+    )
     beside = jnp.zeros((size, size, order.shared.shape[0]), own.dtype)
     for h in range(order.shared.shape[1]):
         first = jnp.moveaxis(pushed_table[order.shared[:, h, 0]], 0, -1)
@@ -90,11 +91,9 @@ def _unpacked(order: RowOrder, packed: Array, like: Impulses) -> Impulses:
     return tuple(parts)
 
 
-def elimination_of(system: System) -> RowOrder | None:
-    """The order for a system of rigid bodies alone, concrete; None where that would be too dear, or bodies are soft."""
-    bodies = 0 if system.inertia is None else system.inertia.shape[0]
-    if not system.rows or not bodies or system.free.shape[0] != 2 * bodies:
+def elimination_of(triples: Sequence[np.ndarray], impulses: Impulses, rigid: RigidSet) -> RowOrder | None:
+    """The order for rows of rigid bodies alone, kind by kind; None where there are none, or it would be too dear."""
+    if not triples:
         return None
-    body_of = np.where(np.asarray(system.free) > 0, np.arange(2 * bodies) % bodies, -1)
-    triples = [np.asarray(rows.triples) for rows in system.rows]  # type: ignore[attr-defined]
-    return row_order(triples, [rows.bias.shape[1] for rows in system.rows], body_of)
+    body_of = np.where(np.tile(np.asarray(rigid.free) > 0, 2), np.arange(2 * rigid.count) % rigid.count, -1)
+    return row_order(triples, [each.shape[1] for each in impulses], body_of)

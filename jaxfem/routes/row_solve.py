@@ -14,8 +14,9 @@ import jax.scipy.sparse.linalg
 from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
-from jaxfem.routes.row_elimination import pushed, search_by_elimination
 from jaxfem.routes.gauss_seidel import projected_step, search_by_sweeps
+from jaxfem.routes.row_elimination import pushed, search_by_elimination
+from jaxfem.routes.row_factor import row_preconditioner
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
 from jaxfem.solvers.implicit import SOLUTION
@@ -61,8 +62,8 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
     correction = jax.lax.custom_linear_solve(
         lambda direction: jax.jvp(condition, (found,), (direction,))[1],
         change,
-        lambda matvec, vector: _tangent(matvec, vector, weights, system),
-        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, system),
+        lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
+        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
         symmetric=not system.friction,
     )
     impulses = _settled(system, sides, trees.minus(found, correction))
@@ -116,7 +117,8 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
         bounds = row_bounds(system, radii)
         if solver == "direct":
             found, velocities, info = search_by_elimination(system, start, operator, right, diagonal, bounds)
-            return found, (_sides(found, bounds), jnp.where(system.free[:, None] > 0, velocities, system.prescribed)), info
+            velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
+            return found, (_sides(found, bounds), velocities), info
         found, info = mprgp_loop(
             operator,
             right,
@@ -201,11 +203,12 @@ def _settled(system: System, sides: Any, unknown: Impulses) -> Impulses:
     )
 
 
-def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -> Impulses:
+def _tangent(matvec: Any, vector: Impulses, weights: Impulses, sides: Any, system: System) -> Impulses:
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
-
-    def scaled(residual: Impulses) -> Impulses:
-        return jax.tree.map(lambda r, d: r / d, residual, weights)
+    if system.elimination is None:
+        scaled = lambda residual: jax.tree.map(jnp.divide, residual, weights)  # noqa: E731
+    else:
+        scaled = _scaled_factor(system, weights, sides)
 
     if not system.friction:
         solution, info = pcg(matvec, vector, scaled, tol=system.tolerance, max_iterations=system.max_iterations)
@@ -217,6 +220,18 @@ def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -
         left = trees.norm(scaled(trees.minus(matvec(solution), vector)))
         good = left <= jnp.sqrt(system.tolerance) * trees.norm(scaled(vector))
     return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+
+
+def _scaled_factor(system: System, weights: Impulses, sides: Any) -> Any:
+    """The inverse of A on the rows between their bounds, and of its diagonal on the others."""
+    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
+    root = jax.tree.map(jnp.sqrt, weights)
+    factor = row_preconditioner(system, weights, free)
+
+    def apply(residual: Impulses) -> Impulses:
+        return jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
+
+    return apply
 
 
 def _velocities(system: System, impulses: Impulses) -> Array:
