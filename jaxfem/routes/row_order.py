@@ -85,10 +85,10 @@ def _nodes(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np.nd
 
 def _placed(nodes, size, triples, heights, body_of, row_starts, part_starts):
     """`rows`, `places`, `triples` and `parts` of a RowOrder."""
-    own = [
-        sorted({int(t) for kind, block in blocks for t in triples[kind][block] if body_of[t] >= 0})
-        for _, blocks in nodes
-    ]
+    own = []
+    for _, blocks in nodes:
+        acting = {int(t) for kind, block in blocks for t in triples[kind][block]}
+        own.append(sorted(t for t in acting if body_of[t] >= 0))
     width = max(1, max(len(each) for each in own))
     count, last, none = len(nodes), int(row_starts[-1]), int(part_starts[-1])
     rows = np.full((count, size), last)

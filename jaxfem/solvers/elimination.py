@@ -20,7 +20,7 @@ EXACT = jax.lax.Precision.HIGHEST
 
 @pytree
 class EliminationFactor:
-    """The factor: inverses (R, s, s, m) and ratios G (R, w, s, s, m) of each class of leaves; inverses of L_k and X_k."""
+    """Inverses (R, s, s, m) and ratios G (R, w, s, s, m) of each class of leaves; the core's inverses of L_k, and X_k."""
 
     inverses: tuple[Array, ...]
     ratios: tuple[Array, ...]
