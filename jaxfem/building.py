@@ -50,8 +50,9 @@ def build(
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
-    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first for
-    soft bodies alone and the second where there are rigid bodies, joints or contacts. `scheme`: "backward_euler" (first
+    `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
+    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first for soft bodies alone, the second for rigid bodies alone,
+    as long as that is not too dear, the third for all else with joints or contacts. `scheme`: "backward_euler" (first
     order, damps what moves fast) or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1,
     of the highest frequencies). `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
     frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `rotations`

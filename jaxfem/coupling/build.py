@@ -13,6 +13,7 @@ from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.routes.coupled import coupled_system
 from jaxfem.routes.row_factor import elimination_of
+from jaxfem.routes.system import extra_rows
 from jaxfem.scene import Scene
 
 
@@ -79,7 +80,7 @@ def _with_elimination(model: Model, params: Params, state: State, asked: str) ->
 def _triples(model: Model, params: Params, state: State) -> tuple:
     """Triples that each kind of rows acts on."""
     system = coupled_system(model, params, state, jnp.ones((), model.rest.dtype))
-    return tuple(rows.triples for rows in system.rows)
+    return tuple(rows.triples for rows in extra_rows(system))
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:

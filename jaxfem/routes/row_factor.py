@@ -13,8 +13,8 @@ import numpy as np
 from jaxfem.bodies.rigid import RigidSet
 from jaxfem.routes.coupled import inverse_mass
 from jaxfem.routes.row_order import RowOrder, row_order
-from jaxfem.routes.system import System
-from jaxfem.solvers.elimination import factorise, solve_factored
+from jaxfem.routes.system import System, extra_rows
+from jaxfem.solvers.elimination import factorise, product, solve_factored
 
 Array = jax.Array
 Impulses = tuple[Array, ...]
@@ -44,30 +44,25 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
     """Diagonal blocks (N, s, s) and those of the coupled pairs (P, s, s); `own` (N, s) is added to the diagonal."""
     count, size, width, repeats = order.parts.shape
     jacobian = jnp.concatenate(
-        [(rows.jacobian * s[:, :, None]).reshape(-1, 3) for rows, s in zip(system.rows, scale, strict=True)]
+        [(rows.jacobian * s[:, :, None]).reshape(-1, 3) for rows, s in zip(extra_rows(system), scale, strict=True)]
     )
     jacobian = jnp.concatenate([jacobian, jnp.zeros((1, 3), jacobian.dtype)])
     entries = sum(jacobian[order.parts[..., q]] for q in range(repeats))  # (N, s, t, 3)
     entries = jnp.moveaxis(entries, 1, 2).reshape(count * width, size, 3)
     moved = jnp.moveaxis(entries, 0, -1)  # (s, 3, N t)
-    pushed = _times(moved, jnp.moveaxis(_inverse_mass_blocks(system)[order.triples.reshape(-1)], 0, -1))
+    pushed = product(moved, jnp.moveaxis(_inverse_mass_blocks(system)[order.triples.reshape(-1)], 0, -1))
     ends = jnp.zeros((1, size, 3), entries.dtype)
     table, pushed_table = jnp.concatenate([entries, ends]), jnp.concatenate([jnp.moveaxis(pushed, -1, 0), ends])
     diagonal = (
-        sum(_times(pushed[:, :, t::width], moved[:, :, t::width].swapaxes(0, 1)) for t in range(width))
+        sum(product(pushed[:, :, t::width], moved[:, :, t::width].swapaxes(0, 1)) for t in range(width))
         + own.T[:, None] * jnp.eye(size, dtype=own.dtype)[:, :, None]
     )
     beside = jnp.zeros((size, size, order.shared.shape[0]), own.dtype)
     for h in range(order.shared.shape[1]):
         first = jnp.moveaxis(pushed_table[order.shared[:, h, 0]], 0, -1)
         second = jnp.moveaxis(table[order.shared[:, h, 1]], 0, -1)
-        beside = beside + _times(first, second.swapaxes(0, 1))
+        beside = beside + product(first, second.swapaxes(0, 1))
     return jnp.moveaxis(diagonal, -1, 0), jnp.moveaxis(beside, -1, 0)
-
-
-def _times(a: Array, b: Array) -> Array:
-    """a b for blocks (s, t, m), (t, u, m)."""
-    return sum(a[:, k, None] * b[None, k] for k in range(a.shape[1]))
 
 
 def _inverse_mass_blocks(system: System) -> Array:

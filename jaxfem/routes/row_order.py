@@ -60,9 +60,10 @@ def row_order(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np
     blocks, width = core_size(elimination)
     if 3 * blocks * (width * size) ** 3 > MOST_WORK:
         return None
-    placed = _placed(nodes, size, triples, heights, body_of, row_starts, part_starts)
-    shared = _shared(elimination.pairs, placed[2], int(body_of.shape[0]))
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.int32), RowOrder(*placed, shared, elimination))
+    rows, places, acted, parts = _placed(nodes, size, triples, heights, body_of, row_starts, part_starts)
+    shared = _shared(elimination.pairs, acted, int(body_of.shape[0]))
+    found = RowOrder(rows, places, acted, parts, shared, elimination)
+    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.int32), found)
 
 
 def _nodes(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np.ndarray):

@@ -1,4 +1,4 @@
-"""The coupled step on the impulses of all rows: MPRGP, friction bounds iterated to their fixed point, derivatives.
+"""The coupled step on the impulses of all rows: elimination or MPRGP, friction bounds at their fixed point.
 
     min 1/2 lam' A lam - b' lam,   l <= lam <= h,   A = J M^-1 J' + C,  b = c - J v*,   then v = v* + M^-1 J' lam
 (Benevolensky & Voroshilov 2009, section 3). Friction rows have h = -l = mu lam_n with lam_n of the normal row beside
@@ -35,7 +35,8 @@ FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than th
 def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[Array, tuple[SolveInfo, Impulses]]:
     """End-of-step velocities (n, 3), info and impulses; `guess`: impulses to start from.
 
-    `solver`: "mprgp", where each tangential impulse has bounds of its own (a pyramid), or "pgs", with the true cone.
+    `solver`: "direct" (see `row_elimination.py`) or "mprgp", where each tangential impulse has bounds of its own (a
+    pyramid), or "pgs", with the true cone.
 
     Differentiable in the system: on the rows found at a bound the impulse is that bound, on all others the condition
     A lam = b holds; its solution by the implicit function theorem is again one linear solve, with a symmetric matrix

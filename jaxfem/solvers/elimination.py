@@ -20,7 +20,7 @@ EXACT = jax.lax.Precision.HIGHEST
 
 @pytree
 class EliminationFactor:
-    """Inverses (R, s, s, m) and ratios G (R, w, s, s, m) of each class of leaves; the core's inverses of L_k, and X_k."""
+    """Inverses (R, s, s, m) and ratios G (R, w, s, s, m) of each class of leaves; of the core the L_k^-1, and X_k."""
 
     inverses: tuple[Array, ...]
     ratios: tuple[Array, ...]
@@ -73,7 +73,10 @@ def inverse_definite(blocks: Array) -> Array:
 
 def product(a: Array, b: Array) -> Array:
     """a b for blocks (s, t, m), (t, u, m)."""
-    return sum(a[:, k, None] * b[None, k] for k in range(a.shape[1]))
+    total = a[:, 0, None] * b[None, 0]
+    for k in range(1, a.shape[1]):
+        total = total + a[:, k, None] * b[None, k]
+    return total
 
 
 def _eliminate(count: int, table: Array, leaves: Leaves) -> tuple[Array, tuple[Array, Array]]:
@@ -107,7 +110,7 @@ def _backward(field: Array, inputs: Any) -> tuple[Array, None]:
 
 def _times(blocks: Array, vectors: Array) -> Array:
     """Blocks (s, t, m) times vectors (t, m)."""
-    return sum(blocks[:, k] * vectors[k] for k in range(blocks.shape[1]))
+    return product(blocks, vectors[:, None])[:, 0]
 
 
 def _last(blocks: Array) -> Array:

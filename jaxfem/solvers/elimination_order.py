@@ -89,7 +89,7 @@ def core_size(order: EliminationOrder) -> tuple[int, int]:
 
 def _leaf_rounds(neighbours: list[set[int]], remaining: set[int], width: int) -> list[list[tuple[int, list[int]]]]:
     """Rounds of leaves with their neighbours then; takes them out of both arguments."""
-    rounds = []
+    rounds: list[list[tuple[int, list[int]]]] = []
     candidates = set(remaining)
     while True:
         chosen: list[int] = []

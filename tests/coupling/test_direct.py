@@ -1,4 +1,4 @@
-"""Rows eliminated (solver "direct"): the answer and derivatives of MPRGP and Gauss-Seidel, also where it is singular."""
+"""Rows eliminated (solver "direct"): the answer and derivatives of MPRGP and Gauss-Seidel, also where singular."""
 
 import derivatives
 import jax
@@ -24,7 +24,7 @@ def doll():
         ],
         jf.HingeJoint(arms[0], hands[0], (-0.5, 0, 1.2), (0, 1, 0), motor=jf.Motor(3.0, 0.05)),
         jf.BallJoint(arms[1], hands[1], (0.5, 0, 1.2)),
-        jf.DistanceJoint(trunk, ball, (0, 0, 0.8), (0, 0, 0.21), rest_length=0.6, rope=True),
+        jf.DistanceJoint(trunk, ball, (0, 0, 0.8), (0, 0, 0.21), length=0.6, rope=True),
         jf.BallJoint(None, trunk, (0, 0, 1.2)),
     ]
     bodies = [trunk, *arms, *hands, ball]
