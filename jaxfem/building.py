@@ -24,7 +24,7 @@ from jaxfem.scene import Scene, SceneError, SoftBody
 from jaxfem.schemes import SCHEMES
 
 ROTATIONS = ("explicit", "implicit")
-SOLVERS = ("auto", "condensed", "mprgp", "pgs")
+SOLVERS = ("auto", "condensed", "direct", "mprgp", "pgs")
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
@@ -50,10 +50,10 @@ def build(
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
-    `solver`: "condensed" (conjugate gradients on the nodes), "mprgp" (all rows) or "auto", which takes the first where
-    there are soft bodies and the second for rigid bodies alone, or where very many rows tie rigid bodies to others.
-    `scheme`: "backward_euler" (first order, damps what moves fast) or "generalized_alpha" (second order; a step leaves
-    the share `rho_inf`, from 0 to 1, of the highest frequencies).
+    `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
+    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first where there are soft bodies, the second for rigid bodies
+    alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
+    "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
     `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best
     frequencies); "mprgp" needs the first, and soft bodies alone take other than the first scheme or mass. `rotations`
     of the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces:

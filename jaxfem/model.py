@@ -105,7 +105,8 @@ class Model:
     leaves of the highest frequencies in a step. `coarse`: the preconditioner's dense part when `prepare` has built it,
     else None, and `frequencies` [rad/s] those whose damping by the scheme `info` reports. `rotations`: "explicit", or
     "implicit" where they are iterated to the end of the step. `rigid`: the rigid bodies, None without;
-    `joints`, `contacts`: groups of rows by name.
+    `joints`, `contacts`: groups of rows by name; `elimination`: in which order their rows are eliminated (solver
+    "direct"), else None.
     """
 
     rest: Array
@@ -131,6 +132,7 @@ class Model:
     rigid: RigidSet | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
+    elimination: Any = None
 
     @property
     def coupled(self) -> bool:

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.coupling.bodies import BodyIndex, rigid_parts
 from jaxfem.coupling.contacts import contact_parts
@@ -11,6 +12,7 @@ from jaxfem.coupling.joints import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.routes.coupled import coupled_system
+from jaxfem.routes.row_factor import elimination_of
 from jaxfem.routes.row_stiffness import MOST_EXACT
 from jaxfem.routes.system import extra_rows
 from jaxfem.scene import Scene
@@ -23,10 +25,12 @@ def with_coupling(
 
     `names`: unique names of all bodies, in the scene's order. `choose`: the solver is for this function to choose.
     """
-    rigid, dtype = scene.rigid, model.rest.dtype
+    rigid, dtype, asked = scene.rigid, model.rest.dtype, model.solver
     if not (rigid or scene.joints or scene.contacts):
-        if model.solver == "pgs":
-            raise SceneError('solver "pgs" is for scenes with rigid bodies, joints or contacts: use "auto" here')
+        if model.solver in ("direct", "pgs"):
+            raise SceneError(
+                f'solver "{model.solver}" is for scenes with rigid bodies, joints or contacts: use "auto" here'
+            )
         return model, params, state
     own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
     index = BodyIndex(scene.soft, model.bodies, rigid, own)
@@ -49,11 +53,14 @@ def with_coupling(
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(  # type: ignore[attr-defined]
-        joints=joints, contacts=contacts, solver=_solver(model.solver, bool(scene.soft and (joints or contacts)))
+        joints=joints,
+        contacts=contacts,
+        solver=_solver("mprgp" if asked == "direct" else asked, bool(scene.soft and (joints or contacts))),
     )
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
     if choose and model.solver == "condensed" and rigid and _across(model, params, state) > MOST_EXACT:
         model = model.replace(solver="mprgp")  # type: ignore[attr-defined]
+    model = _with_elimination(model, params, state, asked)
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
 
@@ -67,6 +74,30 @@ def _across(model: Model, params: Params, state: State) -> int:
     bare, step = state.replace(impulses=None), jnp.ones((), model.rest.dtype)  # type: ignore[attr-defined]
     system = jax.eval_shape(lambda: coupled_system(model, params, bare, step))
     return sum(rows.bias.size for rows in extra_rows(system) if rows.triples.shape[1] > 1)
+
+
+def _with_elimination(model: Model, params: Params, state: State, asked: str) -> Model:
+    """The model with the order of its elimination and solver "direct", where that is asked for or better."""
+    if asked not in ("condensed", "direct"):
+        return model
+    order = None
+    if not model.domains and model.rigid is not None:
+        triples = jax.jit(_triples)(model, params, state)  # nothing but these is compiled
+        order = elimination_of([np.asarray(each) for each in triples], _no_impulses(model, params, state), model.rigid)
+    if order is not None:
+        return model.replace(elimination=order, solver="direct")  # type: ignore[attr-defined]
+    if asked == "direct":
+        raise SceneError(
+            'solver "direct" eliminates the rows of rigid bodies: this scene has soft bodies or nothing that ties its '
+            'rigid ones, or so many ties that elimination is too dear. Use "auto", "mprgp" or "pgs"'
+        )
+    return model
+
+
+def _triples(model: Model, params: Params, state: State) -> tuple:
+    """Triples that each kind of rows acts on."""
+    system = coupled_system(model, params, state, jnp.ones((), model.rest.dtype))
+    return tuple(rows.triples for rows in extra_rows(system))
 
 
 def _no_impulses(model: Model, params: Params, state: State) -> tuple:

@@ -49,7 +49,9 @@ def coupled_system(
             last = len(elastic) + len(extra) - 1
             friction.append(Friction(values.friction, last - 1, last))
     hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
-    return system.replace(rows=elastic + hardened, friction=tuple(friction))  # type: ignore[attr-defined]
+    return system.replace(  # type: ignore[attr-defined]
+        rows=elastic + hardened, friction=tuple(friction), elimination=model.elimination
+    )
 
 
 def velocities_of(state: State) -> Array:
@@ -75,6 +77,16 @@ def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> 
         return velocities
     bodies = blocks.shape[0]
     return velocities.at[-bodies:].set(jnp.einsum("bij,bj->bi", blocks, momentum[-bodies:]))
+
+
+def apply_mass(system: System, velocities: Array) -> Array:
+    """M times (n, 3) on all that moves freely."""
+    momentum = (system.free * system.mass)[:, None] * velocities
+    if system.inertia is None:
+        return momentum
+    bodies = system.inertia.shape[0]
+    turning = jnp.einsum("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
+    return momentum.at[-bodies:].set(turning)
 
 
 def advance_rigid(model: Model, params: Params, state: State, velocities: Array, dt: Array) -> Any:

@@ -1,4 +1,4 @@
-"""The coupled step on the impulses of all rows: MPRGP, friction bounds iterated to their fixed point, derivatives.
+"""The coupled step on the impulses of all rows: elimination or MPRGP, friction bounds at their fixed point.
 
     min 1/2 lam' A lam - b' lam,   l <= lam <= h,   A = J M^-1 J' + C,  b = c - J v*,   then v = v* + M^-1 J' lam
 (Benevolensky & Voroshilov 2009, section 3). Friction rows have h = -l = mu lam_n with lam_n of the normal row beside
@@ -15,6 +15,8 @@ from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.routes.coupled import apply_inverse_mass, inverse_mass
 from jaxfem.routes.gauss_seidel import projected_step, search_by_sweeps
+from jaxfem.routes.row_elimination import pushed, search_by_elimination
+from jaxfem.routes.row_factor import row_preconditioner
 from jaxfem.routes.system import System
 from jaxfem.solvers import trees
 from jaxfem.solvers.implicit import SOLUTION
@@ -33,7 +35,8 @@ FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than th
 def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[Array, tuple[SolveInfo, Impulses]]:
     """End-of-step velocities (n, 3), info and impulses; `guess`: impulses to start from.
 
-    `solver`: "mprgp", where each tangential impulse has bounds of its own (a pyramid), or "pgs", with the true cone.
+    `solver`: "direct" (see `row_elimination.py`) or "mprgp", where each tangential impulse has bounds of its own (a
+    pyramid), or "pgs", with the true cone.
 
     Differentiable in the system: on the rows found at a bound the impulse is that bound, on all others the condition
     A lam = b holds; its solution by the implicit function theorem is again one linear solve, with a symmetric matrix
@@ -44,8 +47,8 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
         return _velocities(system, ()), (SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero), ())
     held = jax.lax.stop_gradient((system, guess))
     cone = solver == "pgs" and bool(system.friction)
-    found, sides, info = jax.lax.stop_gradient(_search(*held, solver))
-    found, sides = checkpoint_name((found, sides), SOLUTION)
+    found, (sides, reached), info = jax.lax.stop_gradient(_search(*held, solver))
+    found, sides, reached = checkpoint_name((found, sides, reached), SOLUTION)
     operator, right, diagonal = row_operator(system)
     weights = jax.lax.stop_gradient(diagonal)
 
@@ -60,12 +63,15 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
     correction = jax.lax.custom_linear_solve(
         lambda direction: jax.jvp(condition, (found,), (direction,))[1],
         change,
-        lambda matvec, vector: _tangent(matvec, vector, weights, system),
-        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, system),
+        lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
+        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
         symmetric=not system.friction,
     )
     impulses = _settled(system, sides, trees.minus(found, correction))
-    return _velocities(system, impulses), (info, impulses)
+    velocities = _velocities(system, impulses)
+    if reached is not None:  # the same velocities, but for rounding
+        velocities = velocities + jax.lax.stop_gradient(reached - velocities)
+    return velocities, (info, impulses)
 
 
 def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
@@ -73,7 +79,7 @@ def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
     inverse = inverse_mass(system)
 
     def push(impulses: Impulses) -> Array:
-        return apply_inverse_mass(inverse, _pushed(system, impulses))
+        return apply_inverse_mass(inverse, pushed(system, impulses))
 
     def operator(impulses: Impulses) -> Impulses:
         velocities = push(impulses)
@@ -99,16 +105,21 @@ def row_bounds(system: System, radii: tuple[Array, ...]) -> tuple[tuple, tuple]:
 
 
 def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any, SolveInfo]:
-    """Impulses, the side of the bound that each is at (-1, 1; 0 between), and info."""
+    """Impulses; the side of the bound that each is at (-1, 1; 0 between), and velocities if known better than from
+    the impulses; and info."""
     operator, right, diagonal = row_operator(system)
     if solver == "pgs":
         found, info = search_by_sweeps(system, guess, operator, right)
         frictional = {each.tangent for each in system.friction}
         own = [(None, None) if i in frictional or r.bounds is None else r.bounds for i, r in enumerate(system.rows)]
-        return found, _sides(found, tuple(zip(*own, strict=True))), info
+        return found, (_sides(found, tuple(zip(*own, strict=True))), None), info
 
     def once(start: Impulses, radii: tuple[Array, ...]) -> tuple[Impulses, Any, SolveInfo]:
         bounds = row_bounds(system, radii)
+        if solver == "direct":
+            found, velocities, info = search_by_elimination(system, start, operator, right, diagonal, bounds)
+            velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
+            return found, (_sides(found, bounds), velocities), info
         found, info = mprgp_loop(
             operator,
             right,
@@ -118,7 +129,7 @@ def _search(system: System, guess: Impulses, solver: str) -> tuple[Impulses, Any
             tol=system.tolerance,
             max_iterations=system.max_iterations,
         )
-        return found, _sides(found, bounds), info
+        return found, (_sides(found, bounds), None), info
 
     if not system.friction:
         return once(guess, ())
@@ -193,11 +204,12 @@ def _settled(system: System, sides: Any, unknown: Impulses) -> Impulses:
     )
 
 
-def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -> Impulses:
+def _tangent(matvec: Any, vector: Impulses, weights: Impulses, sides: Any, system: System) -> Impulses:
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
-
-    def scaled(residual: Impulses) -> Impulses:
-        return jax.tree.map(lambda r, d: r / d, residual, weights)
+    if system.elimination is None:
+        scaled = lambda residual: jax.tree.map(jnp.divide, residual, weights)  # noqa: E731
+    else:
+        scaled = _scaled_factor(system, weights, sides)
 
     if not system.friction:
         solution, info = pcg(matvec, vector, scaled, tol=system.tolerance, max_iterations=system.max_iterations)
@@ -211,14 +223,21 @@ def _tangent(matvec: Any, vector: Impulses, weights: Impulses, system: System) -
     return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
 
 
+def _scaled_factor(system: System, weights: Impulses, sides: Any) -> Any:
+    """The inverse of A on the rows between their bounds, and of its diagonal on the others."""
+    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
+    root = jax.tree.map(jnp.sqrt, weights)
+    factor = row_preconditioner(system, weights, free)
+
+    def apply(residual: Impulses) -> Impulses:
+        return jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
+
+    return apply
+
+
 def _velocities(system: System, impulses: Impulses) -> Array:
-    pushed = system.target + apply_inverse_mass(inverse_mass(system), _pushed(system, impulses))
-    return jnp.where(system.free[:, None] > 0, pushed, system.prescribed)
-
-
-def _pushed(system: System, impulses: Impulses) -> Array:
-    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
-    return sum(parts, start=jnp.zeros_like(system.target))
+    velocities = system.target + apply_inverse_mass(inverse_mass(system), pushed(system, impulses))
+    return jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
 
 
 def _diagonal(rows: Any, inverse: tuple[Array, Array | None]) -> Array:

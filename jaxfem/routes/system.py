@@ -39,6 +39,7 @@ class System:
     what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
     With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
     of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
+    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`).
     """
 
     rows: tuple[Rows, ...]
@@ -56,6 +57,7 @@ class System:
     before: Array | None = None
     inertia: Array | None = None
     friction: tuple[Friction, ...] = ()
+    elimination: Any = None
 
 
 def step_system(
