@@ -34,7 +34,7 @@ PLACES = {
     "base_3": (-0.094, 0.04, 0.0),
 }
 TIPS = [name.startswith("tip") for name in PLACES]
-WEIGHTS = {"load52": 0.51012, "load101": 1.00062}  # N, as published; other takes: from the grams in their name
+WEIGHTS = {"load52": 0.51012, "load101": 1.00062}  # N, as published; other takes: from the grams NN in loadNN
 SETTLED = 50  # samples at the end of a take that count as settled
 
 
@@ -81,11 +81,17 @@ def summary_of(result):
     }
 
 
+def weight_of(name):
+    """Hanging weight [N] of a take "loadNN...", from its grams NN; None for other names."""
+    found = re.match(r"load(\d+)", name)
+    return None if found is None else WEIGHTS.get(found[0], 9.81e-3 * float(found[1]))
+
+
 class Settled:
     """Settled heights of a take's tip markers, measured and computed."""
 
     def __init__(self, folder, name, cells):
-        self.force = 0.0 if name == "gravity" else WEIGHTS.get(name, 9.81e-3 * float(re.sub(r"\D", "", name)))
+        self.force = 0.0 if name == "gravity" else weight_of(name)
         self.model, self.params, self.state = beam(cells, force=self.force)
         self.markers = attach(self.model, PLACES)
         start = np.asarray(marker_positions(self.markers, self.state.positions))
@@ -173,11 +179,14 @@ def main():
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and one fit")
     parser.add_argument("--out", type=pathlib.Path, help="folder for real_beam.json and real_beam.png")
     chosen = parser.parse_args()
+    if not (chosen.folder / "gravity.csv").exists():
+        parser.error(f"{chosen.folder} holds no gravity.csv, the take without a weight")
     cells = (6, 2, 2) if chosen.quick else (10, 3, 3)
     gravity = recording_of(chosen.folder, "gravity")
     result = fitted(beam(cells), gravity, 1e-2)
     figures = {"machine": describe(), "cells": cells, "dt": 1e-2, "poisson": 0.499, **summary_of(result)}
-    names = ["gravity", *sorted(path.stem for path in chosen.folder.glob("load*.csv"))]
+    loaded = sorted(path.stem for path in chosen.folder.glob("load*.csv") if weight_of(path.stem) is not None)
+    names = ["gravity", *loaded]
     takes = {name: Settled(chosen.folder, name, cells) for name in names}
     figures["settled_young"] = settled_young([takes["gravity"]], figures["young"])
     figures["predictions"] = heights(takes, figures["young"])
