@@ -12,8 +12,6 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
-from jaxfem.batching import cond_any
-
 Components = tuple[tuple[Array, ...], ...]
 Vector = tuple[Array, ...]
 
@@ -57,11 +55,7 @@ def _polar(F: Components) -> Components:
     # NaN compares false: such a matrix stays in the fast branch, and stays NaN.
     bad = det <= ORDINARY * norm2 * jnp.sqrt(norm2)
     R = _newton(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j])))
-    return cond_any(jnp.any(bad), _repaired, lambda R, *_: R, R, F, bad)
-
-
-def _repaired(R: Components, F: Components, bad: Array) -> Components:
-    return _where(bad, _quaternion_matrix(_davenport(F)), R)
+    return lax.cond(jnp.any(bad), lambda R: _where(bad, _quaternion_matrix(_davenport(F)), R), lambda R: R, R)
 
 
 @_polar.defjvp
