@@ -27,7 +27,7 @@ def cube(dtype, cells=10, **build):
     mesh = jf.mesh.box((1.0, 1.0, 1.0), cells, tets_per_cell=5, origin=(0, 0, FALL))
     body = jf.SoftBody(mesh, young=1e5, poisson=0.3, density=1000.0)
     scene = jf.Scene([body], contacts=[jf.Contact(body, jf.Plane(), friction=0.5)])
-    return jf.build(scene, dtype=dtype, max_iterations=5000, **build)
+    return jf.build(scene, dtype=dtype, max_iterations=5000, **{"solver": "condensed", **build})
 
 
 def measure(dtype, steps, repeats, **build):
