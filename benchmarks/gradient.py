@@ -3,12 +3,9 @@
 50 steps of a beam of 1080 elements; gradient of a tip loss in E, nu and beta by reverse mode, beside the forward run.
 """
 
-import argparse
-import json
-import pathlib
-
 import jax
 from machine import describe, median_time
+from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
 
@@ -46,18 +43,12 @@ def measure(dtype, tolerance, repeats, checkpoint=None):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="fewer repeats")
-    parser.add_argument("--out", type=pathlib.Path, help="folder for gradient.json")
-    arguments = parser.parse_args()
-    repeats = 2 if arguments.quick else 7
+    options = arguments(__doc__)
+    repeats = 2 if options.quick else 7
     figures = {"machine": describe(), **measure(jnp.float64, 1e-6, repeats)}
     figures["float32"] = measure(jnp.float32, 1e-5, repeats)
     figures["checkpoint_10"] = measure(jnp.float64, 1e-6, repeats, 10)
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "gradient.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
+    finish("gradient", figures, options.out)
 
 
 if __name__ == "__main__":

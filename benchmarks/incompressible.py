@@ -5,10 +5,8 @@ iterations of a step at nu = 0.3 and 0.499, then 1.6 s of it with the gradient o
 mode (160 steps, a tenth of the memory by checkpoints). `error`: of the gradient in E, against central differences.
 """
 
-import time
-
 import jax
-from machine import describe
+from machine import describe, median_time
 from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
@@ -27,14 +25,8 @@ def beam(cells):
 
 
 def timed(call, repeats):
-    """(median seconds after a first call, the last result)."""
-    result = jax.block_until_ready(call())
-    seconds = []
-    for _ in range(repeats):
-        begun = time.perf_counter()
-        result = jax.block_until_ready(call())
-        seconds.append(time.perf_counter() - begun)
-    return sorted(seconds)[len(seconds) // 2], result
+    """(median seconds after a first call, the result)."""
+    return median_time(call, repeats), call()
 
 
 def main():

@@ -4,16 +4,13 @@ Float32 at relative residual 1e-4, dt 1/100 s, by both solvers of coupled scenes
 intra_op_parallelism_threads=1) to compare with others.
 """
 
-import argparse
-import json
-import pathlib
-
 import jax
+from machine import describe, first_time, median_time
+from report import arguments, finish
 
 jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
-from machine import describe, first_time, median_time  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
 
@@ -86,17 +83,11 @@ def measure(solver, steps):
 
 
 def main():
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--quick", action="store_true", help="20 steps instead of 120")
-    parser.add_argument("--out", type=pathlib.Path, help="folder for ragdoll.json")
-    arguments = parser.parse_args()
-    steps = 20 if arguments.quick else 120
+    options = arguments(__doc__)
+    steps = 20 if options.quick else 120
     figures = {solver: measure(solver, steps) for solver in ("condensed", "mprgp")}
     figures["machine"] = describe()
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "ragdoll.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
+    finish("ragdoll", figures, options.out)
 
 
 if __name__ == "__main__":

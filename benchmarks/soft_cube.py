@@ -8,7 +8,6 @@ Run it with one core (taskset -c 0, intra_op_parallelism_threads=1) to compare w
 """
 
 import argparse
-import json
 import pathlib
 
 import jax
@@ -17,6 +16,7 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
 from machine import describe, first_time, median_time  # noqa: E402
+from report import finish  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
 
@@ -27,7 +27,7 @@ def cube(dtype, cells=10, **build):
     mesh = jf.mesh.box((1.0, 1.0, 1.0), cells, tets_per_cell=5, origin=(0, 0, FALL))
     body = jf.SoftBody(mesh, young=1e5, poisson=0.3, density=1000.0)
     scene = jf.Scene([body], contacts=[jf.Contact(body, jf.Plane(), friction=0.5)])
-    return jf.build(scene, dtype=dtype, max_iterations=5000, **{"solver": "condensed", **build})
+    return jf.build(scene, dtype=dtype, max_iterations=5000, **build)
 
 
 def measure(dtype, steps, repeats, **build):
@@ -66,12 +66,9 @@ def main():
     parser.add_argument("--out", type=pathlib.Path, help="folder for soft_cube.json")
     arguments = parser.parse_args()
     steps = 30 if arguments.quick else arguments.steps
-    figures = measure(jnp.float32, steps, 1, tolerance=1e-4)
+    figures = measure(jnp.float32, steps, 1, tolerance=1e-4, solver="condensed")
     figures["machine"] = describe()
-    if arguments.out:
-        arguments.out.mkdir(parents=True, exist_ok=True)
-        (arguments.out / "soft_cube.json").write_text(json.dumps(figures, indent=2) + "\n")
-    print(json.dumps(figures))
+    finish("soft_cube", figures, arguments.out)
 
 
 if __name__ == "__main__":

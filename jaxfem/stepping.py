@@ -56,18 +56,19 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
     scheme gives to each (`info.scheme_damping`); None keeps those that the model has. StepError for others than numbers
     from 0 up.
     """
-    frequencies = _checked_frequencies(model, frequencies)
-    params, state, dt_, frequencies = typed(model, params, state, dt, frequencies)
+    params, state, dt_ = typed(model, params, state, dt)
     check_call(model, params, state, dt)
-    model = model.replace(frequencies=frequencies)  # type: ignore[attr-defined]
+    if frequencies is not None:
+        (known,) = typed(model, _checked_frequencies(frequencies))
+        model = model.replace(frequencies=known)  # type: ignore[attr-defined]
     if model.coupled and model.solver != "condensed":
         return model
     return model.replace(coarse=_prepared(model, params, state, dt_))  # type: ignore[attr-defined]
 
 
-def _checked_frequencies(model: Model, given: Any) -> Any:
-    if given is None or isinstance(given, jax.core.Tracer):
-        return getattr(model, "frequencies", None) if given is None else given
+def _checked_frequencies(given: Any) -> Any:
+    if isinstance(given, jax.core.Tracer):
+        return given
     try:
         known = np.asarray(given, float)
     except (TypeError, ValueError):
