@@ -9,13 +9,14 @@ extrapolation of its two finest points on the front, and `plain_finest_over_smoo
 """
 
 import csv
+import itertools
 import math
 import warnings
 
 import jax
 import numpy as np
 from machine import describe, median_time
-from report import arguments, finish
+from report import arguments, finish, save
 
 jax.config.update("jax_enable_x64", True)
 
@@ -136,9 +137,11 @@ def plot(rows, machine, path):
 def main():
     options = arguments(__doc__)
     warnings.simplefilter("ignore", jf.AccuracyWarning)
-    meshes, precisions, repeats = (MESHES[1:4:2], ["float64"], 1) if options.quick else (MESHES, TOLERANCES, 5)
-    rows = [measure(s, c, t, p, repeats) for p in precisions for c, t in meshes for s in STRAINS]
-    machine = describe()
+    meshes, precisions, repeats = (MESHES[1:4:2], ["float64"], 1) if options.quick else (MESHES, TOLERANCES, 3)
+    machine, rows = describe(), []
+    for precision, (cells, tets), strain in itertools.product(precisions, meshes, STRAINS):
+        rows.append(measure(strain, cells, tets, precision, repeats))
+        save("work_precision", {"machine": machine, "rows": rows}, options.out)
     figures = {"machine": machine, "at_2_percent": compare(rows), "rows": rows}
     if options.out:
         options.out.mkdir(parents=True, exist_ok=True)
