@@ -51,9 +51,9 @@ def build(
     """Turn a scene into the model, params and initial state that `step` takes.
 
     `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
-    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first for soft bodies alone, the second for rigid bodies alone
-    where that is not too dear, the third for all else. `scheme`: "backward_euler" (first order, damps what moves fast)
-    or "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
+    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first where there are soft bodies, the second for rigid bodies
+    alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
+    "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
     `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs the
     first, and soft bodies alone take other than the first scheme or mass. `rotations` of the elements: "explicit"
     (those at the start of the step, or where the second-order scheme expects its forces: one linear solve) or

@@ -91,25 +91,12 @@ def moved_to(stage: Stage, velocities: Array) -> Stage:
 
 
 def alpha_advance(
-    positions: Array,
-    velocities: Array,
-    accelerations: Array,
-    found: Array,
-    jump: Array | None,
-    free: Array,
-    dt: Array,
-    rho: Array,
+    positions: Array, velocities: Array, accelerations: Array, found: Array, free: Array, dt: Array, rho: Array
 ) -> tuple[Array, Array]:
-    """Positions and accelerations (n, 3) at the end of the step, from its velocities `found`.
-
-    `jump` (n, 3) or None: the part of the velocities that joints and contacts gave. It moves the nodes as in backward
-    Euler and stays out of the accelerations, so that no impact echoes (cf. Chen, Acary, Virlez & Bruls 2013).
-    """
+    """Positions and accelerations (n, 3) at the end of the step, from its velocities `found`."""
     n = alpha_numbers(rho)
-    smooth = found if jump is None else found - jump
-    new = (smooth - velocities) / (n.gamma * dt) - (1 - n.gamma) / n.gamma * accelerations
+    new = (found - velocities) / (n.gamma * dt) - (1 - n.gamma) / n.gamma * accelerations
     moved = positions + dt * velocities + dt**2 * ((0.5 - n.beta) * accelerations + n.beta * new)
-    moved = moved if jump is None else moved + dt * jump
     return jnp.where(free, moved, positions + dt * found), jnp.where(free, new, 0.0)
 
 

@@ -94,12 +94,13 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         system = coupled_system(model, params, state, dt, forces, coarse)
         unknown, impulses, info = _solved(model, state, system)
     elif model.rotations == "implicit":
+        system = None
         unknown, impulses, info = solve_turning(model, params, state, dt, forces, coarse)
     else:
         system = step_system(model, params, state, dt, forces, coarse)
         unknown, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
     velocities = unknown[: model.nodes]
-    positions, accelerations = _moved(model, state, velocities, dt)
+    positions, accelerations = _moved(model, state, velocities, dt, None if system is None else system.impact)
     following = state.replace(  # type: ignore[attr-defined]
         positions=positions,
         velocities=velocities,
@@ -125,13 +126,19 @@ def _solved(model: Model, state: State, system: System) -> tuple[Array, Any, Sol
     return unknown, None if last is None else (*(None,) * elastic, *impulses), info
 
 
-def _moved(model: Model, state: State, velocities: Array, dt: Array) -> tuple[Array, Array | None]:
-    """Positions and accelerations at the end of a step with `velocities`."""
+def _moved(
+    model: Model, state: State, velocities: Array, dt: Array, impact: Array | None
+) -> tuple[Array, Array | None]:
+    """Positions and accelerations at the end of a step with `velocities`; after an `impact` the latter are zero."""
+    plain = state.positions + dt * velocities
     if model.scheme == "backward_euler" or state.accelerations is None:
-        return state.positions + dt * velocities, None
+        return plain, None
     free = model.free[:, None] > 0
     before = state.positions, state.velocities, state.accelerations
-    return alpha_advance(*before, velocities, None, free, dt, model.rho_inf)
+    positions, accelerations = alpha_advance(*before, velocities, free, dt, model.rho_inf)
+    if impact is None:
+        return positions, accelerations
+    return jnp.where(impact, plain, positions), jnp.where(impact, 0, accelerations)
 
 
 def _begun(model: Model, params: Params, state: State, forces: Array | None) -> State:

@@ -13,6 +13,7 @@ from jaxfem.declared import RigidBody, SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.routes.coupled import coupled_system
 from jaxfem.routes.row_factor import elimination_of
+from jaxfem.routes.row_stiffness import MOST_EXACT
 from jaxfem.routes.system import extra_rows
 from jaxfem.scene import Scene
 
@@ -41,10 +42,8 @@ def with_coupling(
         raise SceneError(
             f'mass = "{model.mass}" is for soft bodies alone; rigid bodies, joints and contacts need "lumped"'
         )
-    if model.scheme != "backward_euler":
-        raise SceneError(
-            f'scheme "{model.scheme}" is for soft bodies alone; rigid bodies, joints and contacts need "backward_euler"'
-        )
+    if model.scheme != "backward_euler" and rigid:
+        raise SceneError(f'scheme "{model.scheme}" is for soft bodies; scenes with rigid bodies need "backward_euler"')
     if model.rotations != "explicit":
         raise SceneError('rotations = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts')
     if model.solver == "pgs" and any(body.strain != "element" for body in scene.soft):
@@ -54,10 +53,11 @@ def with_coupling(
     model = model.replace(  # type: ignore[attr-defined]
         joints=joints,
         contacts=contacts,
-        # Rollouts with friction cannot be differentiated backwards on the condensed route yet: it is there to ask for.
-        solver=_solver("mprgp" if choose or asked == "direct" else asked, bool(scene.soft and (joints or contacts))),
+        solver=_solver("mprgp" if asked == "direct" else asked, bool(scene.soft and (joints or contacts))),
     )
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
+    if choose and model.solver == "condensed" and rigid and _across(model, params, state) > MOST_EXACT:
+        model = model.replace(solver="mprgp")  # type: ignore[attr-defined]
     model = _with_elimination(model, params, state, asked)
     return model, params, state.replace(impulses=_no_impulses(model, params, state))  # type: ignore[attr-defined]
 
@@ -65,6 +65,13 @@ def with_coupling(
 def _solver(asked: str, mixed: bool) -> str:
     """The condensed route is for elastic rows beside others; without either, all rows are solved for."""
     return "mprgp" if asked == "condensed" and not mixed else asked
+
+
+def _across(model: Model, params: Params, state: State) -> int:
+    """Number of rows that couple several triples: more than few, and the condensed route preconditions them badly."""
+    bare, step = state.replace(impulses=None), jnp.ones((), model.rest.dtype)  # type: ignore[attr-defined]
+    system = jax.eval_shape(lambda: coupled_system(model, params, bare, step))
+    return sum(rows.bias.size for rows in extra_rows(system) if rows.triples.shape[1] > 1)
 
 
 def _with_elimination(model: Model, params: Params, state: State, asked: str) -> Model:

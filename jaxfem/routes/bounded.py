@@ -26,7 +26,7 @@ from jaxfem.routes.system import System, elastic_part, extra_rows, inverse_mass,
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
-from jaxfem.solvers.implicit import or_nan
+from jaxfem.solvers.implicit import or_nan, unless_zero
 from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
 
@@ -97,18 +97,21 @@ def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) 
     Without friction that is the symmetric solve. With friction bounds that move, the symmetric solve P preconditions
     stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left.
     """
-    symmetric = pair_tangent(system, unknown)
     if not system.friction:
-        return or_nan(*symmetric(right, system.tolerance))
-    tight = 0.1 * system.tolerance
+        return or_nan(*unless_zero(lambda s, r: pair_tangent(s[0], s[1])(r, s[0].tolerance), (system, unknown), right))
 
-    def product(direction: Pair) -> Pair:
-        return symmetric(matvec(direction), tight)[0]
+    def solve(given: Any, right: Pair) -> tuple[Pair, SolveInfo]:
+        system, unknown = given
+        symmetric = pair_tangent(system, unknown)
 
-    start, first = symmetric(right, tight)
-    solution, info = bicgstab(product, start, tol=system.tolerance, max_iterations=100)
-    good = (first.status == int(Status.CONVERGED)) & (info.residual <= jnp.sqrt(system.tolerance))
-    return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+        def precondition(residual: Pair) -> Pair:
+            return symmetric(residual, 0.1 * system.tolerance)[0]
+
+        found, info = bicgstab(matvec, right, precondition, tol=system.tolerance, max_iterations=100)
+        good = info.residual <= jnp.sqrt(system.tolerance)
+        return found, info.replace(status=jnp.where(good, int(Status.CONVERGED), info.status))  # type: ignore[attr-defined]
+
+    return or_nan(*unless_zero(solve, (system, unknown), right, jax.lax.cond))
 
 
 def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:

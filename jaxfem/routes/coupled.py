@@ -3,6 +3,11 @@
 Rigid bodies add two triples each to the unknown: linear velocities, then angular ones (world frame). The angular blocks
 of the mass are the inertia at the middle of the step plus, where it must be, dt^2 times the geometric stiffness of the
 joints' pull: M' w = (I w)_old + dt torque + J' lam. All joint and contact rows follow the elastic ones.
+
+With the second-order scheme (soft bodies only) joints and motors hold at its stage, as elastic rows do. Contacts,
+limits and ropes keep the end-of-step velocity from closing the gap at the start, as in backward Euler: held at the
+stage, velocities would turn about with each step. A step in which one of them strikes is one of backward Euler, after
+which accelerations start anew: what an impact does to them would echo (cf. Chen, Acary, Virlez & Bruls 2013).
 """
 
 from typing import Any
@@ -11,13 +16,14 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.bodies.rigid import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
-from jaxfem.model import Model, Params, State
+from jaxfem.model import Model, Params, State, nodal_mass
 from jaxfem.rotation import quaternion_to_matrix
-from jaxfem.routes.system import Friction, System, inverse_mass, step_system
+from jaxfem.routes.system import Friction, System, external_force, inverse_mass, stage_of, step_system
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.contact import contact_rows
 from jaxfem.rows.joints import PointLock, tension_stiffness
 from jaxfem.rows.points import PointRows
+from jaxfem.schemes import Stage, backward_euler_stage
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
@@ -33,25 +39,67 @@ def coupled_system(
     model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
 ) -> System:
     """The step's system on all triples: n nodes, b linear, b angular. `coarse` as in `step_system`."""
-    soft = step_system(model, params, state, dt, forces, coarse)
     at = configuration(state)
+    impact = None if model.scheme == "backward_euler" else _impact(model, params, state, dt, forces, at)
+    soft = step_system(model, params, state, dt, forces, coarse, impact=impact)
     system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
     rows: Any = soft.rows
     elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
-    extra = [model.joints[name].rows(at, params.joints[name], dt) for name in sorted(model.joints)]
-    friction = []
-    for name in sorted(model.contacts):
-        values, speeds = params.contacts[name], (velocities_of(state), system.target)
-        normal, tangent = contact_rows(model.contacts[name], at, values, dt, *speeds)
-        extra.append(normal)
-        if tangent is not None:
-            extra.append(tangent)
-            last = len(elastic) + len(extra) - 1
-            friction.append(Friction(values.friction, last - 1, last))
+    stage = stage_of(model, state, soft.prescribed, dt, impact)
+    free = system.target if impact is None else _unhindered(model, params, state, dt, forces)
+    extra, rough = _extra_rows(model, params, state, dt, stage, at, free)
+    friction = tuple(Friction(mu, len(elastic) + place - 1, len(elastic) + place) for place, mu in rough.items())
     hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
     return system.replace(  # type: ignore[attr-defined]
-        rows=elastic + hardened, friction=tuple(friction), elimination=model.elimination
+        rows=elastic + hardened, friction=friction, elimination=model.elimination
     )
+
+
+def _extra_rows(
+    model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, free: Array
+) -> tuple[list[PointRows], dict[int, Array]]:
+    """Rows of joints and contacts, and the coefficients of friction by the places of tangential rows among them.
+
+    `free` (n, 3): end-of-step velocities as they would be without any row.
+    """
+    ahead = at.replace(nodes=stage.base)  # type: ignore[attr-defined]
+    striking = backward_euler_stage(state.positions, state.velocities, dt)
+    striking = striking.replace(weight=stage.weight)  # type: ignore[attr-defined]
+    extra = []
+    for name in sorted(model.joints):
+        place = (at, striking) if model.joints[name].one_sided else (ahead, stage)
+        extra.append(model.joints[name].rows(place[0], params.joints[name], place[1]))
+    rough = {}
+    for name in sorted(model.contacts):
+        values = params.contacts[name]
+        normal, tangent = contact_rows(model.contacts[name], at, values, dt, velocities_of(state), free)
+        extra.append(normal)
+        if tangent is not None:
+            rough[len(extra)] = values.friction
+            extra.append(tangent)
+    return extra, rough
+
+
+def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> Array:
+    """Velocities (n, 3) of the nodes after a step without any row, with the acceleration that loads alone give."""
+    load = external_force(model, params, state.positions, forces)
+    return state.velocities + dt * load / nodal_mass(model, params.density)[:, None] * model.free[:, None]
+
+
+def _impact(model: Model, params: Params, state: State, dt: Array, forces: Array | None, at: Configuration) -> Array:
+    """Whether a one-sided row strikes: it changes its velocity by more than two steps of loads can explain."""
+    stage = backward_euler_stage(state.positions, state.velocities, dt)
+    free = _unhindered(model, params, state, dt, forces)
+    rows, rough = _extra_rows(model, params, state, dt, stage, at, free)
+    struck = [jnp.zeros((), bool)]
+    for place, each in enumerate(rows):
+        if each.bounds is None or place in rough:
+            continue
+        before, coming = each.apply(state.velocities), each.apply(free)
+        for side, bound in ((1, each.bounds[1]), (-1, each.bounds[0])):
+            short = side * (each.bias - before) > 2 * jnp.abs(coming - before)
+            struck.append(jnp.any(jnp.isinf(bound) & short & (side * (each.bias - coming) > 0)))
+    return jnp.stack(struck).any()
 
 
 def velocities_of(state: State) -> Array:

@@ -39,7 +39,8 @@ class System:
     what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
     With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
     of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
-    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`).
+    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`). `impact`:
+    whether something strikes within a step of the second-order scheme, which is then one of backward Euler.
     """
 
     rows: tuple[Rows, ...]
@@ -58,6 +59,7 @@ class System:
     inertia: Array | None = None
     friction: tuple[Friction, ...] = ()
     elimination: Any = None
+    impact: Array | None = None
 
 
 def step_system(
@@ -68,16 +70,17 @@ def step_system(
     forces: Array | None = None,
     coarse: Array | None = None,
     around: Array | None = None,
+    impact: Array | None = None,
 ) -> System:
     """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None.
 
     `coarse` may be None for those who do not solve. `around` (n, 3): end-of-step velocities of free nodes; rows and
-    loads are made where they lead, instead of where the step starts.
+    loads are made where they lead, instead of where the step starts. `impact`: see `System`.
     """
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
-    stage = _stage(model, state, prescribed, dt)
+    stage = stage_of(model, state, prescribed, dt, impact)
     stage = stage if around is None else moved_to(stage, jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
@@ -94,6 +97,7 @@ def step_system(
         coarse=coarse,
         coupling=mass_coupling(model, params.density),
         before=None if model.mass == "lumped" else jnp.where(free, stage.start, state.velocities),
+        impact=impact,
     )
 
 
@@ -167,12 +171,18 @@ def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -
     return velocity
 
 
-def _stage(model: Model, state: State, prescribed: Array, dt: Array) -> Stage:
+def stage_of(model: Model, state: State, prescribed: Array, dt: Array, impact: Array | None = None) -> Stage:
+    """Where the scheme makes a step's rows; `prescribed` (n, 3): velocities of driven nodes."""
     x, v = state.positions, state.velocities
+    plain = backward_euler_stage(x, v, dt)
     if model.scheme == "backward_euler":
-        return backward_euler_stage(x, v, dt)
+        return plain
     accelerations = jnp.zeros_like(v) if state.accelerations is None else state.accelerations
-    return alpha_stage(x, v, accelerations, prescribed, model.free[:, None] > 0, dt, model.rho_inf)
+    stage = alpha_stage(x, v, accelerations, prescribed, model.free[:, None] > 0, dt, model.rho_inf)
+    if impact is None:
+        return stage
+    plain = plain.replace(ahead=jnp.zeros_like(v), before=jnp.zeros_like(v))  # type: ignore[attr-defined]
+    return jax.tree.map(lambda one, other: jnp.where(impact, one, other), plain, stage)  # type: ignore[no-any-return]
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:

@@ -3,7 +3,7 @@
 Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows act along it.
 """
 
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from jaxfem.pytrees import pytree, static
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
 from jaxfem.rows.joints import Softness, along_axes, spring_rows
 from jaxfem.rows.points import PointRows
+from jaxfem.schemes import Stage
 
 Array = jax.Array
 
@@ -95,11 +96,16 @@ class Distance:
     names: tuple[str, ...] = static(default=())
     rope: bool = static(default=False)
 
-    def rows(self, at: Configuration, values: LengthValues, dt: Array) -> PointRows:
+    @property
+    def one_sided(self) -> bool:
+        """A rope only pulls."""
+        return self.rope
+
+    def rows(self, at: Configuration, values: LengthValues, stage: Stage) -> PointRows:
         """One row; a rope's impulse is at most zero."""
         s = self.coordinate.measured(at)
         gap = (s.value - values.length)[:, None]
-        rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, dt)
+        rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, stage)
         if not self.rope:
             return rows
         return rows.replace(lower=jnp.full_like(gap, -jnp.inf), upper=jnp.zeros_like(gap))
@@ -121,15 +127,16 @@ class Limit:
 
     coordinate: Coordinate
     names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = True
 
-    def rows(self, at: Configuration, values: LimitValues, dt: Array) -> PointRows:
+    def rows(self, at: Configuration, values: LimitValues, stage: Stage) -> PointRows:
         """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off."""
         s = self.coordinate.measured(at)
         low, high = values.low, values.high
         on = jnp.stack([jnp.isfinite(low), jnp.isfinite(high)], -1)
         gap = jnp.where(on, s.value[:, None] - jnp.where(on, jnp.stack([low, high], -1), 0), 0)
         jacobian = s.jacobian * on[:, :, None]
-        rows = spring_rows(gap, s.triples, jacobian, Softness(values.compliance, values.damping), at, dt)
+        rows = spring_rows(gap, s.triples, jacobian, Softness(values.compliance, values.damping), at, stage)
         zero, far = jnp.zeros_like(gap[:, :1]), jnp.full_like(gap[:, :1], jnp.inf)
         lower, upper = jnp.concatenate([zero, -far], -1), jnp.concatenate([far, zero], -1)
         return rows.replace(lower=jnp.where(on, lower, 0), upper=jnp.where(on, upper, 0))
@@ -152,18 +159,19 @@ class Motor:
     coordinate: Coordinate
     names: tuple[str, ...] = static(default=())
     position: bool = static(default=False)
+    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: MotorValues, dt: Array) -> PointRows:
-        """One row, impulse between -strength dt and strength dt.
+    def rows(self, at: Configuration, values: MotorValues, stage: Stage) -> PointRows:
+        """One row, impulse between -strength dt and strength dt (with the scheme's own weight for dt).
 
         A rate motor's compliance is 1 / its damping gain: J v + C lam = target with C = compliance / dt.
         """
         s = self.coordinate.measured(at)
-        bound = dt * values.strength[:, None]
+        bound = stage.weight * values.strength[:, None]
         if self.position:
             gap = (s.value - values.target)[:, None]
-            rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, dt)
+            rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, stage)
         else:
-            compliance = values.compliance[:, None] / dt
+            compliance = values.compliance[:, None] / stage.weight
             rows = PointRows(s.triples, s.jacobian, compliance, values.target[:, None], unknowns=at.unknowns)
         return rows.replace(lower=-bound, upper=bound)

@@ -1,12 +1,14 @@
 """Locks: rows that hold points together or frames aligned. Joints are built of them (see `declared/joints.py`).
 
-Each lock measures a gap g (m, r) with rate J v and holds it as a spring of compliance alpha and damping d implicitly
-through the end of the step:  lam = -dt (g + dt J v) / alpha - dt d J v, that is
-    J v + C lam = c,   C = alpha / (dt (dt + alpha d)),   c = -g / (dt + alpha d).
-alpha = 0 is a rigid joint whose drift is taken back within the step (Baumgarte 1972 with the whole gap a step).
+Each lock measures a gap g (m, r) with rate J v and holds it as a spring of compliance alpha and damping d, implicitly
+at the step's stage x_a = base + ahead + reach v, v_a = before + follow v (see `schemes`), with g taken at `base`:
+    lam = -weight (g + J ahead + reach J v) / alpha - weight d (J before + follow J v)
+    => J v + C lam = c,  s = reach + follow alpha d,  C = alpha / (weight s),  c = -(g + J ahead + alpha d J before) / s
+For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alpha = 0 is a rigid joint whose drift is
+taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -14,6 +16,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import pytree, static
 from jaxfem.rows.attachments import Configuration, Frame, Placed, Point, RigidPoint, difference, relative_spin
 from jaxfem.rows.points import PointRows
+from jaxfem.schemes import Stage
 
 Array = jax.Array
 
@@ -31,16 +34,24 @@ class JointRows(Protocol):
 
     names: tuple[str, ...]
 
-    def rows(self, at: Configuration, values: Any, dt: Array) -> PointRows:
-        """Their rows."""
+    @property
+    def one_sided(self) -> bool:
+        """Whether they only push or only pull, and may strike: limits and ropes."""
+
+    def rows(self, at: Configuration, values: Any, stage: Stage) -> PointRows:
+        """Their rows; `at` is where the stage's `base` is."""
 
 
-def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, dt: Array):
+def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage):
     """Rows (m, r) that hold a gap (m, r) at zero, as the head of this file says."""
     alpha, damping = values.compliance[:, None], values.damping[:, None]
-    slack = dt + alpha * damping
-    compliance = jnp.broadcast_to(alpha / (dt * slack), gap.shape)
-    return PointRows(triples, jacobian, compliance, -gap / slack, unknowns=at.unknowns)
+    slack = stage.reach + stage.follow * alpha * damping
+    compliance = jnp.broadcast_to(alpha / (stage.weight * slack), gap.shape)
+    rows = PointRows(triples, jacobian, compliance, -gap / slack, unknowns=at.unknowns)
+    if stage.ahead is None or stage.before is None:
+        return rows
+    known = gap + rows.apply(stage.ahead) + alpha * damping * rows.apply(stage.before)
+    return rows.replace(bias=-known / slack)  # type: ignore[attr-defined]
 
 
 @pytree
@@ -50,11 +61,12 @@ class PointLock:
     a: Point
     b: Point
     names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: Softness, dt: Array) -> PointRows:
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b."""
         gap = difference(self.a.placed(at), self.b.placed(at))
-        return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, dt)
+        return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
 
 
 @pytree
@@ -65,11 +77,12 @@ class LineLock:
     b: Point
     frame: Frame
     names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: Softness, dt: Array) -> PointRows:
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b along the axes across the line."""
         gap, triples, jacobian = along_axes(self.a.placed(at), self.b.placed(at), self.frame, at)
-        return spring_rows(gap[:, :2], triples, jacobian[:, :2], values, at, dt)
+        return spring_rows(gap[:, :2], triples, jacobian[:, :2], values, at, stage)
 
 
 @pytree
@@ -79,15 +92,16 @@ class FrameLock:
     a: Frame
     b: Frame
     names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: Softness, dt: Array) -> PointRows:
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: rotation from a's axes to b's; its rate is the relative spin to first order."""
         axes, other = self.a.axes(at), self.b.axes(at)
         triples, spin = relative_spin(self.a, self.b, at)
         # sum of the axes' cross products: 2 sin(angle) times the direction of the turn
         gap = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
         return spring_rows(
-            jnp.einsum("mij,mi->mj", axes, gap), triples, jnp.einsum("mij,mik->mjk", axes, spin), values, at, dt
+            jnp.einsum("mij,mi->mj", axes, gap), triples, jnp.einsum("mij,mik->mjk", axes, spin), values, at, stage
         )
 
 
@@ -98,15 +112,16 @@ class AxisLock:
     a: Frame
     b: Frame
     names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: Softness, dt: Array) -> PointRows:
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: cross product of the axes, seen along a's first and second."""
         axes, other = self.a.axes(at), self.b.axes(at)
         triples, spin = relative_spin(self.a, self.b, at)
         gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
         across = axes[:, :, :2]
         return spring_rows(
-            jnp.einsum("mij,mi->mj", across, gap), triples, jnp.einsum("mij,mik->mjk", across, spin), values, at, dt
+            jnp.einsum("mij,mi->mj", across, gap), triples, jnp.einsum("mij,mik->mjk", across, spin), values, at, stage
         )
 
 

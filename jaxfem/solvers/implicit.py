@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 from jax.ad_checkpoint import checkpoint_name
+from jax.flatten_util import ravel_pytree
 
 from jaxfem.batching import cond_any
 from jaxfem.solvers.status import SolveInfo, Status
@@ -75,19 +76,31 @@ def piecewise_linear_solution(condition: Condition, inputs: Any, guess: Any) -> 
 def _hessian_solve(condition: Condition, inputs: Any, unknown: Any, right: Any) -> Any:
     """H^-1 right, with H the derivative of the gradient in the unknown; a primitive that JAX can differentiate."""
 
-    def hessian(direction: Any) -> Any:
-        return jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (direction,))[1]
+    # One flat vector: JAX cannot transpose a linear solve when only some leaves of its right-hand side have a tangent.
+    vector, shaped = ravel_pytree(right)
 
-    def solve(matvec: Callable[[Any], Any], vector: Any) -> Any:
-        return condition.tangent_solve(*jax.lax.stop_gradient((inputs, unknown)), vector, matvec)
+    def hessian(direction: Array) -> Array:
+        return ravel_pytree(jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (shaped(direction),))[1])[0]
 
-    return jax.lax.custom_linear_solve(hessian, right, solve, transpose_solve=solve, symmetric=condition.symmetric)
+    def solve(matvec: Callable[[Array], Array], flat: Array) -> Array:
+        def shaped_matvec(direction: Any) -> Any:
+            return shaped(matvec(ravel_pytree(direction)[0]))
+
+        held = jax.lax.stop_gradient((inputs, unknown))
+        return ravel_pytree(condition.tangent_solve(*held, shaped(flat), shaped_matvec))[0]
+
+    return shaped(
+        jax.lax.custom_linear_solve(hessian, vector, solve, transpose_solve=solve, symmetric=condition.symmetric)
+    )
 
 
-def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
+def unless_zero(
+    solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any, branch: Any = cond_any
+) -> tuple[Any, SolveInfo]:
     """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
 
     That is so whenever a solution is computed but not differentiated, and setting up a system may be half the work.
+    A `solve` that closes over arrays needs `branch=jax.lax.cond`, which a batch turns into both sides.
     """
 
     def nothing(inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
@@ -96,7 +109,7 @@ def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any,
         return jax.tree.map(jnp.zeros_like, right), SolveInfo(none, none, jnp.zeros((), dtype), none)
 
     some = jnp.stack([jnp.any(leaf != 0) for leaf in jax.tree.leaves(right)]).any()
-    return cond_any(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
+    return branch(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
 
 
 def or_nan(solution: Any, info: Any) -> Any:
