@@ -87,19 +87,31 @@ def test_smoothed_block_does_not_lock(tets, limit):
         assert abs(abs(reaction) / expected - 1) < allowed
 
 
+# P L^2/EI of a tip load, w L^3/EI of the own weight: where the tip of the inextensible elastica goes, along and down.
+ELASTICA = {
+    (0.5, 0): (0.9840810, 0.1621436),
+    (2.0, 0): (0.8393583, 0.4934575),
+    (10.0, 0): (0.4450044, 0.8106090),
+    (0, 1.0): (0.9912464, 0.1234714),
+    (0, 10.0): (0.6563538, 0.7001997),
+}
+
+
 def test_smoothed_elastica():
-    """A 20:1 beam bent by a load at its tip, P L^2/EI = 10; the other cases are in benchmarks/elastica.py."""
+    """A 20:1 beam bent by a load at its tip or by its own weight, through large rotations; EI = 1 N m^2, 1 m long."""
     thickness = 0.05
     mesh = jf.mesh.box((1.0, thickness, thickness), (40, 2, 2), tets_per_cell=12)
-    load = jf.Traction("x+", (0.0, 0.0, -10 / thickness**2))
+    load = jf.Traction("x+", (0.0, 0.0, 0.0))
     body = jf.SoftBody(mesh, 12 / thickness**4, 0.3, 1.0, fixed="x-", loads=[load], strain="smoothed")
-    model, params, state = jf.build(jf.Scene([body], gravity=(0.0, 0.0, 0.0)))
-    rest, info = jf.equilibrium(model, params, state)
-    assert info.status == 0 and info.inverted == 0
-    tip = np.asarray(rest.positions)[mesh.points[:, 0] > 1 - 1e-9].mean(0)
-    wanted = np.array([0.4450044 - 1, thickness / 2, thickness / 2 - 0.8106090])
-    found = tip - np.array([1, 0, 0])
-    assert np.linalg.norm(found - wanted) < 0.015 * np.linalg.norm(wanted)
+    model, params, state = jf.build(jf.Scene([body]))
+    down = jnp.array([0.0, 0.0, -1 / thickness**2])
+    for (tip_load, weight), (along, below) in ELASTICA.items():
+        own = params.replace(loads=(tip_load * down,), gravity=weight * down)
+        rest, info = jf.equilibrium(model, own, state)
+        assert info.status == 0 and info.inverted == 0
+        tip = np.asarray(rest.positions)[mesh.points[:, 0] > 1 - 1e-9].mean(0)
+        wanted = np.array([along - 1, 0, -below])
+        assert np.linalg.norm(tip - [1, thickness / 2, thickness / 2] - wanted) < 0.015 * np.linalg.norm(wanted)
 
 
 # rad/s, unit cube, E = 1 MPa, nu = 0.3, 1000 kg/m^3: extrapolated in h^2 from 5 and 10 cells a side of 12 tetrahedra,

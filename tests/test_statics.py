@@ -79,11 +79,12 @@ def test_gram_schmidt_is_refused():
         jf.equilibrium(model, params, state)
 
 
-def test_derivatives_of_equilibrium():
+@pytest.mark.parametrize("strain", ["element", "smoothed"])
+def test_derivatives_of_equilibrium(strain):
     """jvp = vjp = differences in E, nu, density, gravity, loads (a follower pressure too) and held nodes' positions."""
     mesh = jf.mesh.box((0.1, 0.03, 0.03), (3, 1, 1))
     loads = [jf.Traction("x+", (0.0, 30.0, -50.0)), jf.Pressure("z+", 80.0)]
-    body = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1070.0, fixed="x-", loads=loads)
+    body = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1070.0, fixed="x-", loads=loads, strain=strain)
     model, params, state = jf.build(jf.Scene([body]), tolerance=1e-12)
     values = {k: getattr(params, k) for k in ("young", "poisson", "density", "gravity", "loads")}
     rng = np.random.default_rng(4)

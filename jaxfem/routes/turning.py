@@ -31,7 +31,7 @@ from jaxfem.solvers.status import SolveInfo, Status
 Array = jax.Array
 
 ROUNDS = 60
-ROUNDING = 0.05  # share of the bound on the rounding of elastic forces that residuals are seen to stay at
+ROUNDING = 0.25  # share of the bound on the rounding of elastic forces that residuals are seen to stay below
 GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
 FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
 

@@ -12,10 +12,11 @@ from jaxfem.rows.attachments import Configuration, RigidFrame, RigidPoint, SoftP
 from jaxfem.rows.contact import ShapeContacts, tangents
 from jaxfem.rows.coordinates import Angle, Separation, Travel
 from jaxfem.rows.joints import AxisLock, FrameLock, LineLock, PointLock, Softness, tension_stiffness
+from jaxfem.schemes import backward_euler_stage
 
 RNG = np.random.default_rng(5)
 NODES, BODIES = 4, 3
-DT = 1.0
+STAGE = backward_euler_stage(None, None, 1.0)
 RIGID = Softness(jnp.zeros(2), jnp.zeros(2))
 
 
@@ -42,10 +43,10 @@ def configuration(velocities, time):
 
 
 MEASURES = {
-    "point": lambda at: PointLock(POINT, OTHER).rows(at, RIGID, DT),
-    "soft point": lambda at: PointLock(SOFT, OTHER).rows(at, RIGID, DT),
-    "world point": lambda at: PointLock(WorldPoint(jnp.ones((2, 3))), POINT).rows(at, RIGID, DT),
-    "line": lambda at: LineLock(POINT, OTHER, FRAME).rows(at, RIGID, DT),
+    "point": lambda at: PointLock(POINT, OTHER).rows(at, RIGID, STAGE),
+    "soft point": lambda at: PointLock(SOFT, OTHER).rows(at, RIGID, STAGE),
+    "world point": lambda at: PointLock(WorldPoint(jnp.ones((2, 3))), POINT).rows(at, RIGID, STAGE),
+    "line": lambda at: LineLock(POINT, OTHER, FRAME).rows(at, RIGID, STAGE),
     "angle": lambda at: Angle(FRAME, frame_along(at)).measured(at),
     "travel": lambda at: Travel(POINT, SOFT, FRAME).measured(at),
     "separation": lambda at: Separation(POINT, SOFT).measured(at),
@@ -97,10 +98,10 @@ def test_locks_of_frames_hold_what_is_aligned(lock):
     other = RigidFrame(bodies(1, 2), jnp.einsum("mji,mjk->mik", at.rotations[1:], FRAME.axes(at)))
 
     def gap(time):
-        return -lock(FRAME, other).rows(configuration(velocities, time), RIGID, DT).bias
+        return -lock(FRAME, other).rows(configuration(velocities, time), RIGID, STAGE).bias
 
     np.testing.assert_allclose(gap(0.0), 0, atol=1e-14)
-    rate = lock(FRAME, other).rows(at, RIGID, DT).apply(velocities)
+    rate = lock(FRAME, other).rows(at, RIGID, STAGE).apply(velocities)
     np.testing.assert_allclose(jax.jacfwd(gap)(0.0), rate, atol=1e-10)
 
 
