@@ -7,6 +7,8 @@ from typing import Any, TypeVar
 import jax
 import jax.numpy as jnp
 from jax.custom_batching import custom_vmap
+from jax.extend.core import Primitive
+from jax.interpreters import batching, mlir
 
 Array = jax.Array
 F = TypeVar("F", bound=Callable[..., Any])
@@ -54,18 +56,19 @@ def cond_any(flag: Array, yes: Callable[..., Any], no: Callable[..., Any], *argu
     """`lax.cond(flag, yes, no, *arguments)` that stays a branch under `vmap`: `yes` for all lanes if any lane asks.
 
     So `yes` must also be right where `no` would do. vmap alone turns a branch into a selection, and always does both.
-    Not for what derivatives go through in reverse.
+    Differentiable as the branch itself is.
     """
+    return jax.lax.cond(any_lane(flag), yes, no, *arguments)
 
-    @custom_vmap
-    def branch(flag: Array, *given: Any) -> Any:
-        return jax.lax.cond(flag, yes, no, *given)
 
-    @branch.def_vmap
-    def rule(size: int, batched: list, flag: Array, *given: Any) -> tuple[Any, Any]:
-        axes = jax.tree.map(lambda each: 0 if each else None, tuple(batched[1:]))
-        lanes = [jax.vmap(function, axes, axis_size=size) for function in (yes, no)]
-        made = cond_any(jnp.any(flag), *lanes, *given)
-        return made, jax.tree.map(lambda _: True, made)
+def any_lane(flag: Array) -> Array:
+    """The flag itself; under `vmap`, one for all lanes: whether any of them has it."""
+    return _any_lane.bind(flag)  # type: ignore[no-any-return]
 
-    return branch(flag, *arguments)
+
+# vmap's rules for JAX's own operations keep lanes apart, and custom_vmap has no reverse derivative.
+_any_lane = Primitive("any_lane")
+_any_lane.def_impl(lambda flag: flag)
+_any_lane.def_abstract_eval(lambda flag: flag)
+mlir.register_lowering(_any_lane, lambda _, flag: [flag])
+batching.primitive_batchers[_any_lane] = lambda flags, axes: (any_lane(jnp.any(flags[0], axis=axes[0])), None)

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 from jax import Array, lax
 
+from jaxfem.batching import cond_any
+
 Components = tuple[tuple[Array, ...], ...]
 Vector = tuple[Array, ...]
 
@@ -55,7 +57,7 @@ def _polar(F: Components) -> Components:
     # NaN compares false: such a matrix stays in the fast branch, and stays NaN.
     bad = det <= ORDINARY * norm2 * jnp.sqrt(norm2)
     R = _newton(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j])))
-    return lax.cond(jnp.any(bad), lambda R: _where(bad, _quaternion_matrix(_davenport(F)), R), lambda R: R, R)
+    return cond_any(jnp.any(bad), lambda R: _where(bad, _quaternion_matrix(_davenport(F)), R), lambda R: R, R)  # type: ignore[no-any-return]
 
 
 @_polar.defjvp

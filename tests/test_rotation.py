@@ -264,3 +264,12 @@ def test_rotation_vector_is_smooth_at_zero():
     v = np.array([0.3, -0.4, 0.5])
     K = np.cross(np.eye(3), v)
     np.testing.assert_allclose(curved @ v @ v, K @ K, atol=1e-14)
+
+
+def test_a_batch_takes_the_slow_path_only_where_a_matrix_needs_it():
+    """vmap leaves the branch a branch, and lanes get what they get alone."""
+    lanes = jnp.asarray(np.random.default_rng(4).normal(size=(3, 5, 3, 3)))
+    together = jax.vmap(nearest_rotation)(lanes)
+    for lane, alone in zip(together, map(nearest_rotation, lanes), strict=True):
+        np.testing.assert_allclose(lane, alone, atol=1e-13)
+    assert "cond[" in str(jax.make_jaxpr(jax.vmap(nearest_rotation))(lanes))

@@ -111,7 +111,7 @@ def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) 
         good = info.residual <= jnp.sqrt(system.tolerance)
         return found, info.replace(status=jnp.where(good, int(Status.CONVERGED), info.status))  # type: ignore[attr-defined]
 
-    return or_nan(*unless_zero(solve, (system, unknown), right, jax.lax.cond))
+    return or_nan(*unless_zero(solve, (system, unknown), right))
 
 
 def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:

@@ -135,9 +135,10 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         scale = jnp.where(first, residual, s.residual)
         # At rest all forces cancel: what the rounding of positions makes of the elastic ones cannot be solved away.
         floor = system.floor + ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, system.positions)
-        target = jnp.where(first, jnp.maximum(system.tolerance * residual, floor), s.target)
+        target = jnp.where(first, jnp.maximum(system.tolerance * residual, system.floor), s.target)
         s = s.replace(target=target, residual=scale, rounds=s.rounds + 1)  # type: ignore[attr-defined]
-        done = residual <= target
+        # Below the floor a round is let be the last once it gains nothing: small loads are felt as far as digits go.
+        done = (residual <= target) | ((residual <= floor) & ~first & (residual > 0.5 * s.least))
         status = jnp.where(done, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
         status = jnp.where(first & ~jnp.isfinite(residual), int(Status.NOT_FINITE), status).astype(jnp.int32)
         s = s.replace(status=status)  # type: ignore[attr-defined]

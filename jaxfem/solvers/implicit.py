@@ -94,13 +94,10 @@ def _hessian_solve(condition: Condition, inputs: Any, unknown: Any, right: Any) 
     )
 
 
-def unless_zero(
-    solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any, branch: Any = cond_any
-) -> tuple[Any, SolveInfo]:
+def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
     """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
 
     That is so whenever a solution is computed but not differentiated, and setting up a system may be half the work.
-    A `solve` that closes over arrays needs `branch=jax.lax.cond`, which a batch turns into both sides.
     """
 
     def nothing(inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
@@ -109,7 +106,7 @@ def unless_zero(
         return jax.tree.map(jnp.zeros_like, right), SolveInfo(none, none, jnp.zeros((), dtype), none)
 
     some = jnp.stack([jnp.any(leaf != 0) for leaf in jax.tree.leaves(right)]).any()
-    return branch(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
+    return cond_any(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
 
 
 def or_nan(solution: Any, info: Any) -> Any:

@@ -20,8 +20,8 @@ _DESCENT = 1e-4
 @pytree
 class Evaluation:
     """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, and the dead `load`
-    (the part of -gradient that is not in the energy). Residuals are measured by `scale`; below `noise` a gradient is
-    only rounding. `aux` is handed on to `tangent`."""
+    (the part of -gradient that is not in the energy). Residuals are measured by `scale`; below `noise` a gradient may
+    be only rounding, and is where a step gains nothing. `aux` is handed on to `tangent`."""
 
     energy: Array
     gradient: Array
@@ -60,10 +60,11 @@ def minimize_newton(
     def direction_at(x: Array, here: Evaluation) -> Array:
         return _direction(*tangent(x, here.aux), here, max_inner)
 
-    def judge(here: Evaluation) -> Array:
+    def judge(here: Evaluation, last: Evaluation) -> Array:
         size = jnp.linalg.norm(here.gradient)
         residual = size / here.scale
-        code = jnp.where((residual <= tol) | (size <= here.noise), int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+        rounding = (size <= here.noise) & (size > 0.5 * jnp.linalg.norm(last.gradient))
+        code = jnp.where((residual <= tol) | rounding, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
         return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
 
     def trip(s: _State) -> _State:
@@ -76,7 +77,7 @@ def minimize_newton(
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
         # A search that fails at rounding level has arrived; elsewhere it is lost.
         lost = jnp.where(jnp.linalg.norm(here.gradient) <= here.noise, int(Status.CONVERGED), int(Status.NO_DESCENT))
-        status = jnp.where(length < _SHORTEST, lost, judge(here)).astype(jnp.int32)
+        status = jnp.where(length < _SHORTEST, lost, judge(here, s.here)).astype(jnp.int32)
         again = good & (status == Status.ITERATION_LIMIT)
         direction = jax.lax.cond(again, direction_at, lambda *_: s.direction, x, here)
         return _State(x, here, direction, length, s.iteration + 1, status)
