@@ -47,6 +47,15 @@ def vex(matrix: Array) -> Array:
     return 0.5 * jnp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
 
 
+def taken(field: Array, index: Array) -> Array:
+    """field[index] with what is taken side by side: (n, 3) and (..., k) -> (..., 3 k).
+
+    Number by number: XLA takes rows of three one after another, at twice the time on a CPU.
+    """
+    flat = 3 * index[..., None] + jnp.arange(3, dtype=index.dtype)
+    return field.reshape(-1)[flat.reshape(*index.shape[:-1], 3 * index.shape[-1])]
+
+
 def matrix_of(array: Array) -> Matrix3:
     """Components of an array of shape (3, 3, ...)."""
     return [[array[i, j] for j in _AXES] for i in _AXES]

@@ -1,6 +1,6 @@
 """Matrices assembled on the nodes from the domains' blocks: 3x3 blocks, each node's in one padded row."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax
@@ -12,9 +12,22 @@ from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
 from jaxfem.routes.factors import Factor, clustered, domain_factor
 from jaxfem.rows.elastic import ElasticRows, turned_gradients
-from jaxfem.tensors import array_of, guarded_inverse, matrix_of, product, symmetric, transposed
+from jaxfem.tensors import (
+    Matrix3,
+    Vector3,
+    array_of,
+    cross_matrix,
+    guarded_inverse,
+    matrix_of,
+    product,
+    symmetric,
+    taken,
+    transposed,
+)
 
 Array = jax.Array
+
+_AXES = range(3)
 
 
 @pytree
@@ -28,9 +41,8 @@ class BlockMatrix:
 
     def apply(self, vector: Array) -> Array:
         """Matrix times (n, 3). One small dense product a node: the form that XLA runs fastest on a CPU."""
-        gathered = vector[self.neighbours].reshape(self.blocks.shape[0], self.blocks.shape[2])
-        product = jnp.einsum("nik,nk->ni", self.blocks, gathered)
-        return sum((factor.apply(vector) for factor in self.factors), start=product)
+        multiplied = jnp.einsum("nik,nk->ni", self.blocks, taken(vector, self.neighbours))
+        return sum((factor.apply(vector) for factor in self.factors), start=multiplied)
 
     @property
     def diagonal_blocks(self) -> Array:
@@ -83,15 +95,11 @@ def _row_sums(rows: ElasticRows, turned: Array, pattern: Pattern, number: int) -
 
     A row's stiffness w = 1/C splits into w_v (volumetric) and w_d (deviatoric); with r_a = R grad N_a the block is
         K_ab = sum over domains of (w_v - w_d)/3 r_a r_b' + w_d/2 (r_b r_a' + (r_a . r_b) I),
-    so only sums of r_a r_b' are needed. Deviatoric rows alone have w_v = 0.
+    that is lambda r_a r_b' + mu (...) with mu = w_d/2. Deviatoric rows alone have w_v = 0.
     """
     weight = 1 / rows.compliance[-1]
-    outer = _outer_sums(turned, weight, pattern, number)
-    trace = jnp.trace(outer, axis1=1, axis2=2)[:, None, None] * jnp.eye(3, dtype=outer.dtype)
-    shear = 0.5 * (outer.swapaxes(1, 2) + trace)
-    if rows.domains.part == "deviatoric":
-        return shear - outer / 3
-    return shear + _outer_sums(turned, (1 / rows.compliance[0] - weight) / 3, pattern, number)
+    bulk = 0.0 if rows.domains.part == "deviatoric" else 1 / rows.compliance[0]
+    return _tangent_sums(turned, (bulk - weight) / 3, weight / 2, None, pattern, number)
 
 
 def assemble_tangent(
@@ -150,18 +158,18 @@ def _spin(domains: Domains, positions: Array, rotation: Array, lam: Array, mu: A
 
 
 def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, pattern: Pattern, number: int) -> Array:
-    if spin is None:
-        outer = _outer_sums(turned, mu, pattern, number)
-        trace = jnp.trace(outer, axis1=1, axis2=2)[:, None, None] * jnp.eye(3, dtype=outer.dtype)
-        return outer.swapaxes(1, 2) + trace + _outer_sums(turned, lam, pattern, number)
+    """Sums of lam r_a r_b' + mu (r_b r_a' + (r_a . r_b) I) over the domains, for all pairs (P, 3, 3).
 
-    def blocks(a: Array, b: Array, d: slice) -> Array:
-        # skew(a) W skew(b): rows of W crossed with b, then a crossed with the columns.
-        right = jnp.cross(spin[None, :, :, d], b[:, None], axis=2)
-        geometric = jnp.cross(a[:, :, None], right, axis=1)
-        dot = 2 * mu[d] * jnp.sum(a * b, axis=1)
-        identity = jnp.eye(3, dtype=a.dtype)[:, :, None]
-        return lam[d] * a[:, :, None] * b[:, None] + geometric + dot[:, None, None] * identity
+    With `spin` W (3, 3, D): lam r_a r_b' + 2 mu (r_a . r_b) I + skew(r_a) W skew(r_b).
+    """
+
+    def blocks(a: Vector3, b: Vector3, d: slice) -> Matrix3:
+        pull, shear = [lam[d] * x for x in b], [mu[d] * x for x in b]
+        dot = a[0] * shear[0] + a[1] * shear[1] + a[2] * shear[2]
+        if spin is None:
+            return [[a[i] * pull[j] + shear[i] * a[j] + (dot if i == j else 0) for j in _AXES] for i in _AXES]
+        turn = product(cross_matrix(a), product(matrix_of(spin[:, :, d]), cross_matrix(b)))
+        return [[a[i] * pull[j] + turn[i][j] + (2 * dot if i == j else 0) for j in _AXES] for i in _AXES]
 
     return _pair_sums(turned, blocks, pattern, number)
 
@@ -170,19 +178,17 @@ def _zero_sums(pattern: Pattern, dtype: Any) -> Array:
     return jnp.zeros((pattern.pair_count, 3, 3), dtype)
 
 
-def _outer_sums(turned: Array, weight: Array, pattern: Pattern, number: int) -> Array:
-    """Sums of weight r_a r_b' over the domains, for all pairs: (P, 3, 3)."""
-    return _pair_sums(turned, lambda a, b, d: a[:, :, None] * (weight[d] * b)[:, None], pattern, number)
-
-
-def _pair_sums(turned: Array, blocks: Any, pattern: Pattern, number: int) -> Array:
-    """Sums over the domains of blocks(r_a, r_b, domains), (a, 3, 3, D), for all pairs of nodes: (P, 3, 3).
+def _pair_sums(
+    turned: Array, blocks: Callable[[Vector3, Vector3, slice], Matrix3], pattern: Pattern, number: int
+) -> Array:
+    """Sums over the domains of blocks(r_a, r_b, domains), components (a, D), for all pairs of nodes: (P, 3, 3).
 
     One scatter for each second node b, over those domains that have one: no work is spent on padding.
     """
     total = jnp.zeros((pattern.pair_count, 9), turned.dtype)
     for b, slots in enumerate(pattern.pairs[number], start=1):
         count = slots.shape[1]
-        block = blocks(turned[:b, :, :count], turned[b : b + 1, :, :count], slice(0, count))
-        total = total.at[slots].add(block.transpose(0, 3, 1, 2).reshape(b, count, 9))
+        first, second = ([turned[of, i, :count] for i in _AXES] for of in (slice(0, b), b))
+        block = blocks(first, second, slice(0, count))
+        total = total.at[slots].add(jnp.stack([part for row in block for part in row], -1))
     return total.reshape(-1, 3, 3)

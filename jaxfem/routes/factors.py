@@ -7,6 +7,7 @@ from jaxfem.bodies.domains import Clusters, Domains
 from jaxfem.model import Pattern
 from jaxfem.pytrees import pytree
 from jaxfem.rows.elastic import cluster_arms
+from jaxfem.tensors import taken
 
 Array = jax.Array
 
@@ -51,8 +52,7 @@ class Factor:
 
     def divergence(self, vector: Array) -> Array:
         """B v: (N, 3) -> (D,)."""
-        count, width = self.rows.shape
-        return jnp.einsum("dk,dk->d", self.rows, vector[self.spots].reshape(count, width))
+        return jnp.einsum("dk,dk->d", self.rows, taken(vector, self.spots))
 
     def gradient(self, scalars: Array) -> Array:
         """B' s: (D,) -> (N, 3)."""

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import pytree, static
+from jaxfem.tensors import taken
 
 Array = jax.Array
 
@@ -33,8 +34,7 @@ class PointRows:
 
     def apply(self, velocities: Array) -> Array:
         """J v: (n, 3) -> (m, r). One small dense product a block."""
-        gathered = velocities[self.triples].reshape(self.jacobian.shape[0], self.jacobian.shape[2])
-        return jnp.einsum("mrk,mk->mr", self.jacobian, gathered)
+        return jnp.einsum("mrk,mk->mr", self.jacobian, taken(velocities, self.triples))
 
     def apply_transpose(self, impulses: Array) -> Array:
         """J' lam: (m, r) -> (n, 3)."""
