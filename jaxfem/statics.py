@@ -20,6 +20,8 @@ from jaxfem.tensors import array_of
 
 Array = jax.Array
 
+NOISE = 3.0  # times the forces that rounding makes of positions at the start: what it may make on the way
+
 
 @pytree
 class _StaticInputs:
@@ -27,6 +29,7 @@ class _StaticInputs:
     params: Params
     held: Array  # positions (n, 3) that fixed nodes keep
     forces: Array | None
+    noise: Array  # force [N] that the rounding of positions makes
 
 
 @dataclasses.dataclass(frozen=True)
@@ -79,7 +82,8 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
 @jax.jit
 def _equilibrium(model: Model, params: Params, state: State, forces: Array | None):
     symmetric = not any(isinstance(load, FacePressure) for load in model.loads)
-    inputs = _StaticInputs(model, params, state.positions, forces)
+    noise = NOISE * elastic_rounding(model, *jax.lax.stop_gradient((params, state.positions)))
+    inputs = _StaticInputs(model, params, state.positions, forces, noise)
     guess = jax.lax.stop_gradient(state.positions)
     unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
@@ -101,9 +105,8 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
     scale = jnp.linalg.norm(load) + jnp.linalg.norm(force)
-    noise = jax.lax.stop_gradient(elastic_rounding(model, inputs.params, positions))
     rotations = tuple(array_of(turn) for turn in turns)
-    return Evaluation(energy, gradient, jnp.where(free, load, 0.0), scale + noise, noise, rotations)
+    return Evaluation(energy, gradient, jnp.where(free, load, 0.0), scale + inputs.noise, inputs.noise, rotations)
 
 
 def _typical_stiffness(inputs: _StaticInputs) -> Array:

@@ -31,7 +31,7 @@ from jaxfem.solvers.status import SolveInfo, Status
 Array = jax.Array
 
 ROUNDS = 60
-ROUNDING = 0.25  # share of the bound on the rounding of elastic forces that residuals are seen to stay below
+ROUNDING = 3.0  # times the forces that rounding makes of positions: what residuals are seen to stay below
 GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
 FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
 
@@ -134,7 +134,7 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         first = s.rounds == 0
         scale = jnp.where(first, residual, s.residual)
         # At rest all forces cancel: what the rounding of positions makes of the elastic ones cannot be solved away.
-        floor = system.floor + ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, system.positions)
+        floor = system.floor + noise
         target = jnp.where(first, jnp.maximum(system.tolerance * residual, system.floor), s.target)
         s = s.replace(target=target, residual=scale, rounds=s.rounds + 1)  # type: ignore[attr-defined]
         # Below the floor a round is let be the last once it gains nothing: small loads are felt as far as digits go.
@@ -152,6 +152,7 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
     def running(s: _Rounds) -> Array:
         return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS)
 
+    noise = ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, inputs.state.positions)
     free = inputs.model.free[:, None]
     infinite = jnp.full((), jnp.inf, velocities.dtype)
     zero, limit = jnp.int32(0), jnp.int32(Status.ITERATION_LIMIT)

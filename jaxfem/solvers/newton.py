@@ -15,6 +15,8 @@ Operator = Callable[[Array], Array]
 
 _SHORTEST = 1e-6
 _DESCENT = 1e-4
+LAST_STEP = 0.02
+"""Share of the way from the start that may be left to go where rounding ends it."""
 
 
 @pytree
@@ -60,11 +62,15 @@ def minimize_newton(
     def direction_at(x: Array, here: Evaluation) -> Array:
         return _direction(*tangent(x, here.aux), here, max_inner)
 
-    def judge(here: Evaluation, last: Evaluation) -> Array:
-        size = jnp.linalg.norm(here.gradient)
-        residual = size / here.scale
-        rounding = (size <= here.noise) & (size > 0.5 * jnp.linalg.norm(last.gradient))
-        code = jnp.where((residual <= tol) | rounding, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    def at_rounding(x: Array, here: Evaluation, direction: Array) -> Array:
+        # A gradient of rounding ends the way, where the step that it asks for is small beside the way already made.
+        little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(x - start)
+        unloaded = ~jnp.any(here.load)
+        return (jnp.linalg.norm(here.gradient) <= here.noise) & (little | unloaded)
+
+    def judge(here: Evaluation) -> Array:
+        residual = jnp.linalg.norm(here.gradient) / here.scale
+        code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
         return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
 
     def trip(s: _State) -> _State:
@@ -75,11 +81,11 @@ def minimize_newton(
         x = jnp.where(good, x, s.x)
         here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
-        # A search that fails at rounding level has arrived; elsewhere it is lost.
-        lost = jnp.where(jnp.linalg.norm(here.gradient) <= here.noise, int(Status.CONVERGED), int(Status.NO_DESCENT))
-        status = jnp.where(length < _SHORTEST, lost, judge(here, s.here)).astype(jnp.int32)
-        again = good & (status == Status.ITERATION_LIMIT)
+        again = good & (judge(here) == Status.ITERATION_LIMIT)
         direction = jax.lax.cond(again, direction_at, lambda *_: s.direction, x, here)
+        lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here))
+        ended = (again | (length < _SHORTEST)) & at_rounding(x, here, direction)
+        status = jnp.where(ended, int(Status.CONVERGED), lost).astype(jnp.int32)
         return _State(x, here, direction, length, s.iteration + 1, status)
 
     # The first trial is the start itself, so that `evaluate` is compiled once.
@@ -96,7 +102,9 @@ def minimize_newton(
 def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> Array:
     """Truncated Newton direction; the preconditioned gradient where curvature is negative at once."""
     residual = jnp.linalg.norm(here.gradient) / here.scale
-    tolerance = jnp.clip(jnp.sqrt(residual), 1e-5, 0.1)
+    # At rounding level the next gradient will tell nothing new: what can be known of the step is used at once.
+    known = jnp.linalg.norm(here.gradient) <= here.noise
+    tolerance = jnp.where(known, 1e-3, jnp.clip(jnp.sqrt(residual), 1e-5, 0.1))
     direction, _ = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
     usable = jnp.isfinite(direction).all() & (jnp.vdot(direction, here.gradient) < 0)
     return jnp.where(usable, direction, precondition(-here.gradient))

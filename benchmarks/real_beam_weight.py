@@ -1,0 +1,117 @@
+"""The real beam with its hanging weight as a body on a string.  python benchmarks/real_beam_weight.py DIR [--quick]
+
+DIR as for real_beam.py. E and damping come from gravity.csv alone (--young and --damping: from there). The weight is a
+rigid ball on a rope from the middle of the tip's upper edge, 0.1 m below; beam and ball start at rest, straight and
+hanging, and are let go. Compared: the frequency of the ringing (a damped cosine through the tip markers' mean height,
+measured and computed alike) and the settled height. Backward Euler, 1 ms (its own damping: ratio 0.01 at 3 Hz).
+"""
+
+import argparse
+import pathlib
+
+import jax
+import numpy as np
+from machine import describe
+from real_beam import PLACES, SETTLED, TIPS, fitted, recording_of, weight_of
+from real_beam import beam as bare_beam
+from report import finish
+from scipy.optimize import curve_fit
+
+jax.config.update("jax_enable_x64", True)
+
+import jax.numpy as jnp  # noqa: E402
+
+import jaxfem as jf  # noqa: E402
+from jaxfem.fitting.markers import attach, marker_positions  # noqa: E402
+from jaxfem.fitting.measurement import measurement  # noqa: E402
+
+STRING, GRAVITY, DT, TIME = 0.1, 9.81, 1e-3, 1.5
+EDGE = (0.0, 0.015, 0.03)
+
+
+def hanging(cells, young, damping, force):
+    """(model, params, state) of the beam with the ball."""
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12, origin=(-0.1, 0.0, 0.0))
+    body = jf.SoftBody(mesh, young, 0.499, 1070.0, damping, fixed="x-", strain="smoothed", name="beam")
+    place = (EDGE[0], EDGE[1], EDGE[2] - STRING)
+    ball = jf.RigidBody(jf.Sphere(0.015), mass=force / GRAVITY, position=place, name="weight")
+    rope = jf.DistanceJoint(body, ball, EDGE, place, length=STRING, rope=True)
+    return jf.build(jf.Scene([body, ball], gravity=(0, 0, -GRAVITY), joints=[rope]), tolerance=1e-6)
+
+
+def ringing(times, heights):
+    """(frequency [Hz], damping ratio, settled height) of a damped cosine through heights."""
+    seen = np.isfinite(heights)
+    times, heights = times[seen], heights[seen]
+    settled = heights[-len(heights) // 4 :].mean()
+
+    def model(t, rest, size, decay, omega, phase):
+        return rest + size * np.exp(-decay * t) * np.cos(omega * t + phase)
+
+    best = None
+    for frequency in np.arange(2.0, 8.0, 0.5):
+        start = (settled, heights[0] - settled, 1.0, 2 * np.pi * frequency, 0.0)
+        try:
+            found, _ = curve_fit(model, times, heights, start, maxfev=4000)
+        except RuntimeError:
+            continue
+        miss = np.sum((model(times, *found) - heights) ** 2)
+        if best is None or miss < best[0]:
+            best = miss, found
+    rest, _, decay, omega, _ = best[1]
+    return abs(omega) / (2 * np.pi), decay / np.hypot(decay, omega), rest
+
+
+def compare(folder, name, cells, young, damping):
+    """Figures of one take."""
+    model, params, state = hanging(cells, young, damping, weight_of(name))
+    markers = attach(model, PLACES)
+    start = np.asarray(marker_positions(markers, state.positions))
+    taken = measurement(
+        recording_of(folder, name).subset(markers.names), start, frame="rest", compare="displacement", end=None
+    )
+    seen = np.where(taken.seen[..., None], taken.positions, np.nan) - taken.origin
+    measured = np.nanmean(seen[:, TIPS, 2], axis=1)
+    part = taken.times <= TIME
+    steps, every = round(TIME / DT), 10
+    states, info = jf.rollout(model, params, state, DT, steps, every=every)
+    moved = jax.vmap(lambda x: marker_positions(markers, x))(states.positions) - start
+    height = np.asarray(jnp.mean(moved[:, np.array(TIPS), 2], axis=1))
+    own = ringing(DT * every * np.arange(1, len(height) + 1), height)
+    real = ringing(taken.times[part], measured[part])
+    settled = float(np.nanmedian(measured[-SETTLED:]))
+    return {
+        "frequency_hz": own[0],
+        "measured_hz": real[0],
+        "frequency_error": own[0] / real[0] - 1,
+        "damping_ratio": own[1],
+        "measured_damping_ratio": real[1],
+        "settled_mm": 1e3 * own[2],
+        "measured_settled_mm": 1e3 * settled,
+        "settled_error": own[2] / settled - 1,
+        "status": int(info.status.max()),
+        "iterations": int(info.iterations.max()),
+    }
+
+
+def main():
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("folder", type=pathlib.Path, help="folder with gravity.csv and loadNN.csv")
+    parser.add_argument("--quick", action="store_true", help="a coarse mesh")
+    parser.add_argument("--young", type=float, help="Young's modulus [Pa] (fitted on gravity.csv)")
+    parser.add_argument("--damping", type=float, help="damping [s] (fitted on gravity.csv)")
+    parser.add_argument("--out", type=pathlib.Path, help="folder for real_beam_weight.json")
+    chosen = parser.parse_args()
+    cells = (6, 2, 2) if chosen.quick else (10, 3, 3)
+    young, damping = chosen.young, chosen.damping
+    if young is None or damping is None:
+        values = fitted(bare_beam(cells), recording_of(chosen.folder, "gravity"), 1e-2).values
+        young, damping = float(values["young"]), float(values["damping"])
+    takes = sorted(path.stem for path in chosen.folder.glob("load*.csv") if weight_of(path.stem) is not None)
+    figures = {"machine": describe(), "cells": cells, "young": young, "damping": damping, "dt": DT}
+    figures |= {name: compare(chosen.folder, name, cells, young, damping) for name in takes}
+    finish("real_beam_weight", figures, chosen.out)
+
+
+if __name__ == "__main__":
+    main()
