@@ -68,7 +68,12 @@ def compare(folder, name, cells, young, damping):
     markers = attach(model, PLACES)
     start = np.asarray(marker_positions(markers, state.positions))
     taken = measurement(
-        recording_of(folder, name).subset(markers.names), start, frame="rest", compare="displacement", end=None
+        recording_of(folder, name).subset(markers.names),
+        start,
+        frame="rest",
+        compare="displacement",
+        release="auto",
+        end=None,
     )
     seen = np.where(taken.seen[..., None], taken.positions, np.nan) - taken.origin
     measured = np.nanmean(seen[:, TIPS, 2], axis=1)

@@ -55,12 +55,12 @@ def build(
     alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
     "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
     `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs the
-    first, and soft bodies alone take other than the first scheme or mass. `rotations` of the elements: "explicit"
-    (those at the start of the step, or where the second-order scheme expects its forces: one linear solve) or
-    "implicit" (iterated to the end of the step: several solves, for steps in which the body turns far). `dtype`:
-    float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve, 1e-8 in float64
-    and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns (AccuracyWarning) of known
-    bias.
+    first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass. `rotations` of
+    the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces: one
+    linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
+    far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
+    1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
+    (AccuracyWarning) of known bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")

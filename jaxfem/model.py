@@ -106,7 +106,8 @@ class Model:
     else None, and `frequencies` [rad/s] those whose damping by the scheme `info` reports. `rotations`: "explicit", or
     "implicit" where they are iterated to the end of the step. `rigid`: the rigid bodies, None without;
     `joints`, `contacts`: groups of rows by name; `elimination`: in which order their rows are eliminated (solver
-    "direct"), else None.
+    "direct"), else None. `node_group` (n,): a number that nodes share where joints or contacts may tie their bodies, in
+    coupled scenes of the second-order scheme.
     """
 
     rest: Array
@@ -133,6 +134,7 @@ class Model:
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
     elimination: Any = None
+    node_group: Array | None = None
 
     @property
     def coupled(self) -> bool:

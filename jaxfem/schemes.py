@@ -26,7 +26,10 @@ SCHEMES = ("backward_euler", "generalized_alpha")
 
 @pytree
 class Stage:
-    """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros."""
+    """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros.
+
+    `reach`, `follow` and `weight` are one number each, or (n, 1) where bodies take the step by different schemes.
+    """
 
     base: Array
     ahead: Array | None
@@ -35,6 +38,11 @@ class Stage:
     reach: Array
     follow: Any
     weight: Array
+
+    def numbers(self, nodes: Array) -> tuple[Any, Any, Any]:
+        """`reach`, `follow` and `weight` for rows on `nodes` (...): numbers, or arrays (...)."""
+        reach, follow, weight = (v[nodes, 0] if jnp.ndim(v) else v for v in (self.reach, self.follow, self.weight))
+        return reach, follow, weight
 
 
 @pytree

@@ -109,8 +109,7 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         accelerations=accelerations,
         rigid=advance_rigid(model, params, state, unknown, dt),
     )
-    added = model.frequencies
-    added = None if added is None else scheme_damping(model.scheme, added, dt, model.rho_inf)
+    added = _scheme_damping(model, dt, None if system is None else system.impact)
     inverted = inverted_elements(model, following.positions)
     return following, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted, added)
 
@@ -126,6 +125,16 @@ def _solved(model: Model, state: State, system: System) -> tuple[Array, Any, Sol
     return unknown, None if last is None else (*(None,) * elastic, *impulses), info
 
 
+def _scheme_damping(model: Model, dt: Array, impact: Array | None) -> Array | None:
+    """Damping ratio that the step gives to the model's `frequencies`; backward Euler's where something struck."""
+    if model.frequencies is None:
+        return None
+    own = scheme_damping(model.scheme, model.frequencies, dt, model.rho_inf)
+    if impact is None:
+        return own
+    return jnp.where(jnp.any(impact), scheme_damping("backward_euler", model.frequencies, dt), own)
+
+
 def _moved(
     model: Model, state: State, velocities: Array, dt: Array, impact: Array | None
 ) -> tuple[Array, Array | None]:
@@ -138,7 +147,7 @@ def _moved(
     positions, accelerations = alpha_advance(*before, velocities, free, dt, model.rho_inf)
     if impact is None:
         return positions, accelerations
-    return jnp.where(impact, plain, positions), jnp.where(impact, 0, accelerations)
+    return jnp.where(impact[:, None], plain, positions), jnp.where(impact[:, None], 0, accelerations)
 
 
 def _begun(model: Model, params: Params, state: State, forces: Array | None) -> State:

@@ -67,6 +67,24 @@ def test_equilibrium_in_float32():
     np.testing.assert_allclose(sag[jnp.float32], sag[jnp.float64], atol=1e-3 * largest)
 
 
+def test_single_precision_feels_small_loads_near_incompressibility():
+    """Rounding alone makes forces as large as these loads; what is lost in it is a status, not a number."""
+    sags = {}
+    for dtype in (jnp.float32, jnp.float64):
+        model, params, state = scenes.beam((6, 2, 2), poisson=0.499, strain="smoothed", build={"dtype": dtype})
+        tip = np.asarray(model.rest[:, 0]) > 0.0999
+        for pull in (9.81, 1.0, 1e-3, 1e-9, 0.0):
+            own = params.replace(gravity=jnp.array([0, 0, -pull], dtype))
+            rest, info = jf.equilibrium(model, own, state)
+            sags[dtype, pull] = np.asarray(state.positions - rest.positions)[tip, 2].mean(), int(info.status)
+    for pull in (9.81, 1.0, 1e-3):
+        (single, status), (double, _) = sags[jnp.float32, pull], sags[jnp.float64, pull]
+        assert status == 0
+        np.testing.assert_allclose(single, double, rtol=1e-2)
+    assert sags[jnp.float32, 1e-9][1] != 0
+    assert sags[jnp.float32, 0.0][1] == 0 and abs(sags[jnp.float32, 0.0][0]) < 1e-7
+
+
 def test_a_body_that_nothing_holds_has_no_equilibrium():
     model, params, state = scenes.beam((2, 1, 1), fixed=None)
     _, info = jf.equilibrium(model, params, state)

@@ -92,6 +92,13 @@ class Domains:
         """Volume that each set of rows stands for: (D,), or (C,) with clusters [m^3]."""
         return self.volumes if self.clusters is None else self.clusters.volumes
 
+    @property
+    def row_nodes(self) -> Array:
+        """A node of the body that each set of rows belongs to: (D,), or (C,) with clusters."""
+        if self.clusters is None:
+            return self.cells[:, 0]
+        return jnp.zeros(self.clusters.count, jnp.int32).at[self.clusters.slot_cluster].set(self.clusters.slot_node)
+
 
 def domain_gradient(domains: Domains, field: Array) -> Matrix3:
     """Mean gradient of a nodal field (n, 3) over each domain, as components (D,).

@@ -15,7 +15,7 @@ from jaxfem.routes.coupled import coupled_system
 from jaxfem.routes.row_factor import elimination_of
 from jaxfem.routes.row_stiffness import MOST_EXACT
 from jaxfem.routes.system import extra_rows
-from jaxfem.scene import Scene
+from jaxfem.scene import Scene, SoftBody
 
 
 def with_coupling(
@@ -55,6 +55,8 @@ def with_coupling(
         contacts=contacts,
         solver=_solver("mprgp" if asked == "direct" else asked, bool(scene.soft and (joints or contacts))),
     )
+    if model.scheme != "backward_euler":
+        model = model.replace(node_group=_tied(scene, index)[model.node_body])  # type: ignore[attr-defined]
     params = params.replace(joints=softness, contacts=roughness)  # type: ignore[attr-defined]
     if choose and model.solver == "condensed" and rigid and _across(model, params, state) > MOST_EXACT:
         model = model.replace(solver="mprgp")  # type: ignore[attr-defined]
@@ -65,6 +67,21 @@ def with_coupling(
 def _solver(asked: str, mixed: bool) -> str:
     """The condensed route is for elastic rows beside others; without either, all rows are solved for."""
     return "mprgp" if asked == "condensed" and not mixed else asked
+
+
+def _tied(scene: Scene, index: BodyIndex) -> jax.Array:
+    """A number for each soft body, the same for those that joints or contacts may tie, directly or through others."""
+    group = np.arange(len(scene.soft))
+    for each in (*scene.joints, *scene.contacts):
+        ends = [index.find(body, "a joint or contact") for body in (each.a, each.b) if _is_body(body)]
+        tied = [number for kind, number in ends if kind == "soft"]
+        for other in tied[1:]:
+            group[group == group[other]] = group[tied[0]]
+    return jnp.asarray(group, jnp.int32)
+
+
+def _is_body(partner: object) -> bool:
+    return isinstance(partner, str | SoftBody | RigidBody)
 
 
 def _across(model: Model, params: Params, state: State) -> int:

@@ -6,8 +6,9 @@ joints' pull: M' w = (I w)_old + dt torque + J' lam. All joint and contact rows 
 
 With the second-order scheme (soft bodies only) joints and motors hold at its stage, as elastic rows do. Contacts,
 limits and ropes keep the end-of-step velocity from closing the gap at the start, as in backward Euler: held at the
-stage, velocities would turn about with each step. A step in which one of them strikes is one of backward Euler, after
-which accelerations start anew: what an impact does to them would echo (cf. Chen, Acary, Virlez & Bruls 2013).
+stage, velocities would turn about with each step. Where one of them strikes, the step is one of backward Euler for the
+bodies that it may tie, whose accelerations then start anew: what an impact does to them would echo (cf. Chen, Acary,
+Virlez & Bruls 2013).
 """
 
 from typing import Any
@@ -87,19 +88,21 @@ def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: A
 
 
 def _impact(model: Model, params: Params, state: State, dt: Array, forces: Array | None, at: Configuration) -> Array:
-    """Whether a one-sided row strikes: it changes its velocity by more than two steps of loads can explain."""
+    """Nodes (n,) of bodies where a one-sided row strikes: its rate changes by more than two steps of loads explain."""
     stage = backward_euler_stage(state.positions, state.velocities, dt)
     free = _unhindered(model, params, state, dt, forces)
     rows, rough = _extra_rows(model, params, state, dt, stage, at, free)
-    struck = [jnp.zeros((), bool)]
+    assert model.node_group is not None
+    struck = jnp.zeros(model.nodes, bool)  # by group, of which there are fewer
     for place, each in enumerate(rows):
         if each.bounds is None or place in rough:
             continue
         before, coming = each.apply(state.velocities), each.apply(free)
         for side, bound in ((1, each.bounds[1]), (-1, each.bounds[0])):
             short = side * (each.bias - before) > 2 * jnp.abs(coming - before)
-            struck.append(jnp.any(jnp.isinf(bound) & short & (side * (each.bias - coming) > 0)))
-    return jnp.stack(struck).any()
+            due = jnp.any(jnp.isinf(bound) & short & (side * (each.bias - coming) > 0), axis=1)
+            struck = struck.at[model.node_group[each.triples[:, 0]]].max(due)
+    return struck[model.node_group]
 
 
 def velocities_of(state: State) -> Array:

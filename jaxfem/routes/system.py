@@ -39,8 +39,8 @@ class System:
     what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
     With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
     of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
-    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`). `impact`:
-    whether something strikes within a step of the second-order scheme, which is then one of backward Euler.
+    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`). `impact`
+    (n,): where something strikes within a step of the second-order scheme, which there is one of backward Euler.
     """
 
     rows: tuple[Rows, ...]
@@ -189,7 +189,7 @@ def stage_of(model: Model, state: State, prescribed: Array, dt: Array, impact: A
     if impact is None:
         return stage
     plain = plain.replace(ahead=jnp.zeros_like(v), before=jnp.zeros_like(v))  # type: ignore[attr-defined]
-    return jax.tree.map(lambda one, other: jnp.where(impact, one, other), plain, stage)  # type: ignore[no-any-return]
+    return jax.tree.map(lambda one, other: jnp.where(impact[:, None], one, other), plain, stage)  # type: ignore[no-any-return]
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:

@@ -167,11 +167,12 @@ class Motor:
         A rate motor's compliance is 1 / its damping gain: J v + C lam = target with C = compliance / dt.
         """
         s = self.coordinate.measured(at)
-        bound = stage.weight * values.strength[:, None]
+        weight = stage.numbers(s.triples[:, :1])[2]
+        bound = weight * values.strength[:, None]
         if self.position:
             gap = (s.value - values.target)[:, None]
             rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, stage)
         else:
-            compliance = values.compliance[:, None] / stage.weight
+            compliance = values.compliance[:, None] / weight
             rows = PointRows(s.triples, s.jacobian, compliance, values.target[:, None], unknowns=at.unknowns)
         return rows.replace(lower=-bound, upper=bound)

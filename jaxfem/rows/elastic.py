@@ -96,8 +96,9 @@ def _rows(
     stiffness: tuple[Array, Array],
     damping: Array,
 ) -> ElasticRows:
-    span = stage.reach + stage.follow * damping
-    scale = 1 / (domains.row_volumes * stage.weight * span)
+    reach, follow, weight = stage.numbers(domains.row_nodes)
+    span = reach + follow * damping
+    scale = 1 / (domains.row_volumes * weight * span)
     volumetric, deviatoric = stiffness
     compliance = jnp.stack([scale / volumetric, *[scale / deviatoric] * 5][domains.rows])
     rows = ElasticRows(domains, array_of(rotation), compliance, jnp.stack(strain), stage.base.shape[0])

@@ -45,8 +45,9 @@ class JointRows(Protocol):
 def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage):
     """Rows (m, r) that hold a gap (m, r) at zero, as the head of this file says."""
     alpha, damping = values.compliance[:, None], values.damping[:, None]
-    slack = stage.reach + stage.follow * alpha * damping
-    compliance = jnp.broadcast_to(alpha / (stage.weight * slack), gap.shape)
+    reach, follow, weight = stage.numbers(triples[:, :1])
+    slack = reach + follow * alpha * damping
+    compliance = jnp.broadcast_to(alpha / (weight * slack), gap.shape)
     rows = PointRows(triples, jacobian, compliance, -gap / slack, unknowns=at.unknowns)
     if stage.ahead is None or stage.before is None:
         return rows

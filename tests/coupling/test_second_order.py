@@ -116,6 +116,24 @@ def test_lanes_strike_each_at_its_own_time():
         np.testing.assert_allclose(lane, alone, atol=1e-9)
 
 
+def test_what_strikes_one_body_is_nothing_to_another():
+    """A beam rings alone as it does beside a cube that bounces; the cube's scheme_damping is then backward Euler's."""
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), (3, 1, 1))
+    beam = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1000.0, fixed="x-", strain="smoothed")
+    small = jf.mesh.box((0.05, 0.05, 0.05), 1, tets_per_cell=5, origin=(1, 0, 0.005))
+    cube = jf.SoftBody(small, young=1e5, poisson=0.3, density=1000.0, damping=1e-3, velocity=(0, 0, -1.0))
+    options = {"scheme": SCHEMES[0], "tolerance": 1e-10}
+    alone = jf.build(jf.Scene([beam]), **options)
+    model, *both = jf.build(jf.Scene([beam, cube], contacts=[jf.Contact(cube, jf.Plane(), restitution=0.8)]), **options)
+    model = jf.prepare(model, *both, 2e-3, frequencies=[500.0])
+    states, info = jf.rollout(model, *both, 2e-3, 60)
+    expected, _ = jf.rollout(*alone, 2e-3, 60)
+    np.testing.assert_allclose(states.positions[:, : len(mesh.points)], expected.positions, atol=1e-10)
+    plain, second = (float(jf.scheme_damping(scheme, 500.0, 2e-3)) for scheme in ("backward_euler", SCHEMES[0]))
+    found = np.asarray(info.scheme_damping)[:, 0]
+    assert np.isclose(found, plain).any() and np.isclose(found, second).sum() > 30
+
+
 def test_rigid_bodies_are_refused_by_name():
     ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0)
     with pytest.raises(jf.SceneError, match="scenes with rigid bodies need"):
