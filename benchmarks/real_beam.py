@@ -153,22 +153,28 @@ def more(cells, gravity, near):
     yield "dt_2.5ms", fitted(beam(cells), gravity, 2.5e-3, near=near)
 
 
-def draw(path, result):
-    """Vertical motion of the tip markers, measured and fitted, as a picture."""
+def draw(path, results):
+    """Vertical motion of the tip markers, measured and fitted, a panel for each fit by name."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7, 4), dpi=130, layout="constrained")
+    figure = Figure(figsize=(6.5 * len(results), 4), dpi=110, layout="constrained")
     FigureCanvasAgg(figure)
-    axes = figure.add_subplot()
-    for marker, name in enumerate(result.markers):
-        if name.startswith("tip"):
-            start = result.measured[0, marker, 2]
-            (line,) = axes.plot(result.times, 1e3 * (result.simulated[:, marker, 2] - start), label=f"{name}, fitted")
-            axes.plot(result.times, 1e3 * (result.measured[:, marker, 2] - start), ".", ms=3, color=line.get_color())
-    axes.set_xlabel("time since the release, s")
-    axes.set_ylabel("height above the first sample, mm")
-    axes.legend(frameon=False)
+    panels = figure.subplots(1, len(results), sharey=True, squeeze=False)[0]
+    for axes, (title, result) in zip(panels, results.items(), strict=True):
+        for marker, name in enumerate(result.markers):
+            if name.startswith("tip"):
+                start = result.measured[0, marker, 2]
+                (line,) = axes.plot(
+                    result.times, 1e3 * (result.simulated[:, marker, 2] - start), label=f"{name}, fitted"
+                )
+                seen = 1e3 * (result.measured[:, marker, 2] - start)
+                axes.plot(result.times, seen, ".", ms=3, color=line.get_color())
+        young, damping = 1e-3 * float(result.values["young"]), 1e3 * float(result.values["damping"])
+        axes.set_title(f"{title}: E = {young:.0f} kPa, beta = {damping:.2f} ms", fontsize=10)
+        axes.set_xlabel("time since the release, s")
+    panels[0].set_ylabel("height above the first sample, mm")
+    panels[0].legend(frameon=False)
     path.parent.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
 
@@ -194,11 +200,14 @@ def main():
     together = settled_young(list(takes.values()), figures["young"])
     figures["settled_together"] = {"young": together, **heights(takes, together)}
     save("real_beam", figures, chosen.out)
+    drawn = {"smoothed rows, second order": result}
     for name, other in () if chosen.quick else more(cells, gravity, result.values):
         figures[name] = summary_of(other)
         save("real_beam", figures, chosen.out)
+        if name == "plain_backward_euler":
+            drawn["plain rows, backward Euler"] = other
     if chosen.out:
-        draw(chosen.out / "real_beam.png", result)
+        draw(chosen.out / "real_beam.png", drawn)
     finish("real_beam", figures, chosen.out)
 
 
