@@ -57,7 +57,8 @@ def main():
     options = arguments(__doc__)
     steps, repeats = (15, 1) if options.quick else (60, 3)
     figures = {"machine": describe(), **measure(steps, repeats)}
-    figures["mprgp"] = measure(steps, 1, solver="mprgp", max_iterations=20_000)
+    figures["first_15_steps"] = measure(15, 1)
+    figures["first_15_steps_mprgp"] = measure(15, 1, solver="mprgp", max_iterations=20_000)
     finish("brick_ball", figures, options.out)
 
 

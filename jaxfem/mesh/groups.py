@@ -4,15 +4,21 @@ import numpy as np
 
 
 def bisected(points: np.ndarray, count: int) -> list[np.ndarray]:
-    """Split `points` (n, 3) into `count` groups by halving the largest along its longest axis: list of index arrays."""
-    groups = [np.arange(len(points))]
-    while len(groups) < min(count, len(points)):
-        largest = max(range(len(groups)), key=lambda i: len(groups[i]))
-        group = groups.pop(largest)
+    """Split `points` (n, 3) into `count` groups, cutting along the longest axis each time: list of index arrays.
+
+    Sizes differ by one or two: groups are padded to the largest, and the padding takes part in every product.
+    """
+
+    def split(group: np.ndarray, parts: int) -> list[np.ndarray]:
+        if parts == 1:
+            return [group]
+        left = parts // 2
         axis = np.ptp(points[group], axis=0).argmax()
         ordered = group[np.argsort(points[group, axis], kind="stable")]
-        groups += [ordered[: len(ordered) // 2], ordered[len(ordered) // 2 :]]
-    return groups
+        cut = round(len(group) * left / parts)
+        return split(ordered[:cut], left) + split(ordered[cut:], parts - left)
+
+    return split(np.arange(len(points)), max(1, min(count, len(points))))
 
 
 def body_groups(points: np.ndarray, node_body: np.ndarray, size: int, most: int) -> list[np.ndarray]:
