@@ -135,7 +135,7 @@ def test_impossible_bodies_are_refused(arguments, text):
 
 def test_what_does_not_go_together_is_refused():
     scene = jf.Scene([jf.RigidBody(jf.Sphere(0.1), mass=1.0)])
-    with pytest.raises(jf.SceneError, match="soft bodies alone"):
+    with pytest.raises(jf.SceneError, match="scenes with rigid bodies need"):
         jf.build(scene, scheme="generalized_alpha")
     soft = jf.SoftBody(jf.mesh.box((1, 1, 1), 1), young=1e5, poisson=0.3, density=1e3)
     with pytest.raises(jf.SceneError, match="with rigid bodies, joints or contacts"):
