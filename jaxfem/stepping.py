@@ -90,17 +90,18 @@ def _coarse(model: Model, params: Params, state: State, dt: Array) -> Array | No
 
 
 def _advance(model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None):
+    impact = None
     if model.coupled:
         system = coupled_system(model, params, state, dt, forces, coarse)
+        impact = system.impact
         unknown, impulses, info = _solved(model, state, system)
     elif model.rotations == "implicit":
-        system = None
         unknown, impulses, info = solve_turning(model, params, state, dt, forces, coarse)
     else:
         system = step_system(model, params, state, dt, forces, coarse)
         unknown, impulses, info = solve_system(system, model.solver, state.velocities, state.impulses)
     velocities = unknown[: model.nodes]
-    positions, accelerations = _moved(model, state, velocities, dt, None if system is None else system.impact)
+    positions, accelerations = _moved(model, state, velocities, dt, impact)
     following = state.replace(  # type: ignore[attr-defined]
         positions=positions,
         velocities=velocities,
@@ -109,7 +110,7 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         accelerations=accelerations,
         rigid=advance_rigid(model, params, state, unknown, dt),
     )
-    added = _scheme_damping(model, dt, None if system is None else system.impact)
+    added = _scheme_damping(model, dt, impact)
     inverted = inverted_elements(model, following.positions)
     return following, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted, added)
 

@@ -41,14 +41,16 @@ def coupled_system(
 ) -> System:
     """The step's system on all triples: n nodes, b linear, b angular. `coarse` as in `step_system`."""
     at = configuration(state)
-    impact = None if model.scheme == "backward_euler" else _impact(model, params, state, dt, forces, at)
+    impact = free = None
+    if model.scheme != "backward_euler":
+        free = _unhindered(model, params, state, dt, forces)
+        impact = _impact(model, params, state, dt, free, at)
     soft = step_system(model, params, state, dt, forces, coarse, impact=impact)
     system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
     rows: Any = soft.rows
     elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
     stage = stage_of(model, state, soft.prescribed, dt, impact)
-    free = system.target if impact is None else _unhindered(model, params, state, dt, forces)
-    extra, rough = _extra_rows(model, params, state, dt, stage, at, free)
+    extra, rough = _extra_rows(model, params, state, dt, stage, at, system.target if free is None else free)
     friction = tuple(Friction(mu, len(elastic) + place - 1, len(elastic) + place) for place, mu in rough.items())
     hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
     return system.replace(  # type: ignore[attr-defined]
@@ -87,10 +89,12 @@ def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: A
     return state.velocities + dt * load / nodal_mass(model, params.density)[:, None] * model.free[:, None]
 
 
-def _impact(model: Model, params: Params, state: State, dt: Array, forces: Array | None, at: Configuration) -> Array:
-    """Nodes (n,) of bodies where a one-sided row strikes: its rate changes by more than two steps of loads explain."""
+def _impact(model: Model, params: Params, state: State, dt: Array, free: Array, at: Configuration) -> Array:
+    """Nodes (n,) of bodies where a one-sided row strikes: its rate changes by more than two steps of loads explain.
+
+    `free` as in `_extra_rows`.
+    """
     stage = backward_euler_stage(state.positions, state.velocities, dt)
-    free = _unhindered(model, params, state, dt, forces)
     rows, rough = _extra_rows(model, params, state, dt, stage, at, free)
     assert model.node_group is not None
     struck = jnp.zeros(model.nodes, bool)  # by group, of which there are fewer

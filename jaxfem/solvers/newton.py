@@ -23,7 +23,7 @@ LAST_STEP = 0.02
 class Evaluation:
     """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, and the dead `load`
     (the part of -gradient that is not in the energy). Residuals are measured by `scale`; below `noise` a gradient may
-    be only rounding, and is where a step gains nothing. `aux` is handed on to `tangent`."""
+    be only rounding, and is where the next step is small beside the way made. `aux` is handed on to `tangent`."""
 
     energy: Array
     gradient: Array
