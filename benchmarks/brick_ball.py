@@ -19,7 +19,7 @@ DT, RADIUS, TOP = 1 / 60, 0.1, 0.1
 
 
 def scene(dtype, **build):
-    mesh = jf.mesh.box((9.6, 0.2, TOP), (96, 2, 1), tets_per_cell=12)
+    mesh = jf.mesh.box((9.6, 0.2, TOP), (96, 2, 1), tets_per_cell=12, mirrored=False)
     brick = jf.SoftBody(mesh, young=1e9, poisson=0.35, density=2200.0, fixed="x-", name="brick")
     place = (9.5, 0.1, TOP + RADIUS + 0.05)
     ball = jf.RigidBody(jf.Sphere(RADIUS), mass=20.0, position=place, velocity=(0, 0, -3.0), name="ball")

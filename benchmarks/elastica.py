@@ -3,7 +3,7 @@
 A 20:1 beam (length 1 m, square section, EI = 1 N m^2, nu 0.3) bent by a dead load at its tip, P L^2/EI = 0.5, 2, 10, or
 by its own weight, w L^3/EI = 1, 10, against the inextensible elastica (values by quadrature and shooting). Mesh: 60x3x3
 cells of 12 tetrahedra (--quick: 40x2x2). Error: distance of the tip from its place in the plane of bending, over the
-length of its path; `sideways`: its drift out of that plane, likewise; only the mesh makes it (diagonals turn one way).
+length of its path; `sideways`: its drift out of that plane, likewise; only the mesh makes it.
 A beam of finite thickness also shears: at 20:1 that moves the tip by 0.2 %.
 """
 

@@ -18,26 +18,28 @@ def box(
     tets_per_cell: int = 6,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     name: str = "box",
+    mirrored: bool = True,
 ) -> TetMesh:
     """A box of nx x ny x nz cells, each cut into 5, 6 or 12 tetrahedra; face groups "x-", "x+", ... "z+".
 
     size (3,) and origin (3,) in m. Node (i, j, k) has the number (i (ny+1) + j) (nz+1) + k. Six tetrahedra: one a
-    permutation of the axes in lexicographic order. Five: mirrored from cell to cell so that faces match. Twelve: one
-    more node in the middle of each cell, numbered after the grid. MeshError for a size or count that is not positive.
+    permutation of the axes in lexicographic order. Twelve: one more node in the middle of each cell, numbered after the
+    grid. Five and twelve are mirrored from cell to cell: the sides' diagonals alternate, so a beam that bends does not
+    drift aside; mirrored=False cuts all cells alike, which five cannot. MeshError for a size or count that is not
+    positive.
     """
     lengths, counts, corner = _box_arguments(size, cells, origin)
-    if tets_per_cell not in (5, 6, 12):
+    if tets_per_cell not in CUTS:
         raise MeshError(f"tets_per_cell={tets_per_cell!r}: a cell can be cut into 5, 6 or 12 tetrahedra")
+    if mirrored not in CUTS[tets_per_cell]:
+        raise MeshError("five tetrahedra a cell with mirrored=False: the sides of neighbours would not match")
     points = corner + _grid(counts + 1) / counts * lengths
     corners, centres = _cell_corners(counts)
     if tets_per_cell == 12:
         points = np.concatenate([points, corner + (centres + 0.5) / counts * lengths])
         corners = np.column_stack([corners, np.prod(counts + 1) + np.arange(len(corners))])
-    if tets_per_cell == 5:
-        odd = centres.sum(axis=1) % 2 == 1
-        tets = np.where(odd[:, None, None], corners[:, _five(mirrored=True)], corners[:, _five(mirrored=False)])
-    else:
-        tets = corners[:, _six() if tets_per_cell == 6 else _twelve()]
+    even, odd = CUTS[tets_per_cell][mirrored]
+    tets = np.where(centres.sum(axis=1)[:, None, None] % 2 == 1, corners[:, odd], corners[:, even])
     mesh = TetMesh(points, tets.reshape(-1, 4), name)
     return TetMesh(points, mesh.cells, name, face_groups=_sides(mesh, corner, lengths, counts))
 
@@ -132,26 +134,45 @@ def _six() -> Ints:
     return np.array(tets, dtype=np.int64)
 
 
-def _five(mirrored: bool) -> Ints:
-    """One tetrahedron in the middle and one at each of four corners; every second cell is the mirror image."""
+def _five() -> Ints:
+    """One tetrahedron in the middle and one at each of the four corners with an odd sum."""
     tets = np.array([[0, 6, 5, 3], [4, 6, 5, 0], [2, 6, 0, 3], [1, 5, 3, 0], [7, 5, 6, 3]], dtype=np.int64)
-    tets = tets ^ 4 if mirrored else tets  # x -> 1 - x
     return _positive(tets, np.array(CORNERS, dtype=np.float64))
 
 
-def _twelve() -> Ints:
-    """Two tetrahedra from each side of the cell to its middle (node 8); diagonals join a side's low and high corner."""
+def _twelve(mirrored: bool) -> Ints:
+    """Two tetrahedra from each side of the cell to its middle (node 8).
+
+    A side's diagonal joins its corners with an even sum; in cells cut alike its lowest and highest corner.
+    """
     tets = []
     for axis, level in product(range(3), (0, 1)):
         side = [number for number, corner in enumerate(CORNERS) if corner[axis] == level]
-        tets += [[side[0], side[1], side[3], 8], [side[0], side[2], side[3], 8]]
+        ends = [n for n in side if sum(CORNERS[n]) % 2 == 0] if mirrored else [side[0], side[3]]
+        tets += [[*ends, number, 8] for number in side if number not in ends]
     return _positive(np.array(tets, dtype=np.int64), np.array([*CORNERS, (0.5, 0.5, 0.5)]))
+
+
+def _mirror(tets: Ints) -> Ints:
+    """The same cut with x -> 1 - x; the middle (node 8) stays."""
+    return np.where(tets < 8, tets ^ 4, tets)[:, [0, 1, 3, 2]]
 
 
 def _positive(tets: Ints, corners: Floats) -> Ints:
     a, b, c, d = (corners[tets[:, i]] for i in range(4))
     bad = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
     return np.where(bad[:, None], tets[:, [0, 1, 3, 2]], tets)
+
+
+# Mirrored or not: how a cell with an even sum of its place is cut, and one with an odd sum.
+CUTS = {
+    5: {True: (_five(), _mirror(_five()))},
+    6: {True: (_six(), _six()), False: (_six(), _six())},  # opposite sides are cut alike
+    12: {
+        True: (_twelve(mirrored=True), _mirror(_twelve(mirrored=True))),
+        False: (_twelve(mirrored=False), _twelve(mirrored=False)),
+    },
+}
 
 
 def _sides(mesh: TetMesh, corner: Floats, lengths: Floats, counts: Ints) -> dict[str, Ints]:

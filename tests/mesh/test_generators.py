@@ -7,10 +7,10 @@ from jaxfem.mesh import MeshError, ball, beam, box, quality
 from jaxfem.mesh.topology import element_faces
 
 
-@pytest.mark.parametrize("tets_per_cell", [5, 6, 12])
+@pytest.mark.parametrize(("tets_per_cell", "mirrored"), [(5, True), (6, True), (6, False), (12, True), (12, False)])
 @pytest.mark.parametrize("cells", [(1, 1, 1), (4, 3, 2), (2, 5, 3)])
-def test_box_fills_its_volume_and_faces_match(tets_per_cell, cells):
-    mesh = box((4.0, 1.5, 0.5), cells, tets_per_cell, origin=(-1.0, 2.0, 0.5))
+def test_box_fills_its_volume_and_faces_match(tets_per_cell, mirrored, cells):
+    mesh = box((4.0, 1.5, 0.5), cells, tets_per_cell, origin=(-1.0, 2.0, 0.5), mirrored=mirrored)
     nx, ny, nz = cells
     assert len(mesh.cells) == nx * ny * nz * tets_per_cell and mesh.notes == ()
     assert (mesh.volumes > 0).all() and mesh.volume == pytest.approx(3.0, rel=1e-13)
@@ -28,6 +28,16 @@ def test_box_fills_its_volume_and_faces_match(tets_per_cell, cells):
         "z+": 2 * nx * ny,
     }
     assert (mesh.points[mesh.nodes("y+"), 1] == 3.5).all()
+
+
+@pytest.mark.parametrize("tets_per_cell", [5, 12])
+def test_mirrored_cells_make_a_mirrored_mesh(tets_per_cell):
+    mesh = box((2.0, 2.0, 2.0), 2, tets_per_cell)
+    tets = {frozenset(map(tuple, corners)) for corners in mesh.points[mesh.cells]}
+    for axis in range(3):
+        flipped = mesh.points.copy()
+        flipped[:, axis] = 2.0 - flipped[:, axis]
+        assert {frozenset(map(tuple, corners)) for corners in flipped[mesh.cells]} == tets
 
 
 def test_six_tetrahedra_follow_the_reference_convention(reference):
@@ -63,6 +73,7 @@ def test_ball_converges_with_order_two_and_is_well_shaped():
         (lambda: box((1, 1, 1), (2, 0, 2)), r"cells=\(2, 0, 2\): give positive whole numbers"),
         (lambda: box((1, 1, 1), 2.5), "cells=2.5: give positive whole numbers"),
         (lambda: box((1, 1, 1), 2, tets_per_cell=7), "tets_per_cell=7: .* 5, 6 or 12"),
+        (lambda: box((1, 1, 1), 2, tets_per_cell=5, mirrored=False), "neighbours would not match"),
         (lambda: box((1, 1, 1), 2, origin=(0, 0)), "give three numbers in m"),
         (lambda: beam(-1.0, 1, 1, 3), "both must be positive"),
         (lambda: ball(0.0, 3), "a ball of radius 0.0: give a positive length"),
