@@ -242,6 +242,12 @@ def test_changing_numbers_compiles_nothing():
     assert _step._cache_size() == before
 
 
+@pytest.mark.parametrize("strain", ["element", "smoothed"])
+def test_a_step_never_leaves_the_device(strain):
+    model, params, state = scenes.beam(strain=strain)
+    assert "callback" not in str(jax.make_jaxpr(jf.step)(model, params, state, 1e-2))
+
+
 def test_rollout_saves_every_kth_state_and_checkpoints_agree():
     model, params, state = scenes.beam((2, 1, 1))
     everything, info = jf.rollout(model, params, state, 1e-2, 12)
