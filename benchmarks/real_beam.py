@@ -10,6 +10,7 @@ together, and plain rows with backward Euler.
 import argparse
 import pathlib
 import re
+import sys
 
 import jax
 import numpy as np
@@ -193,6 +194,8 @@ def main():
     figures = {"machine": describe(), "cells": cells, "dt": 1e-2, "poisson": 0.499, **summary_of(result)}
     loaded = sorted(path.stem for path in chosen.folder.glob("load*.csv") if weight_of(path.stem) is not None)
     names = ["gravity", *loaded]
+    for other in sorted({path.stem for path in chosen.folder.glob("*.csv")} - set(names)):
+        print(f"left out: {other}.csv (takes are gravity.csv and loadNN.csv)", file=sys.stderr)
     takes = {name: Settled(chosen.folder, name, cells) for name in names}
     figures["settled_young"] = settled_young([takes["gravity"]], figures["young"])
     figures["predictions"] = heights(takes, figures["young"])
