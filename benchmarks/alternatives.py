@@ -19,12 +19,12 @@ import scipy.sparse.linalg as direct  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
 from jaxfem.bodies import smoothing  # noqa: E402
+from jaxfem.mesh.topology import element_faces, face_counts  # noqa: E402
 
 YOUNG, DENSITY, GRAVITY = 263824.0, 1070.0, 9.80709
 LOCKING_FREE = {0.3: 7.056e-3, 0.45: 6.875e-3, 0.499: 6.786e-3}  # m, Q2/Q1 elements of an outside library
-VOLUMETRIC = (("node", "local_volumetric"), ("node", "shared_volumetric"))
-FACES = ((1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2))
-EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
+VOLUMETRIC = smoothing.STRAINS["smoothed"][1:]
+EDGES = smoothing._EDGES
 SMALL = 1e-4  # share of gravity that acts
 
 
@@ -32,7 +32,7 @@ def owners_with_faces(kind, cells, known=smoothing._owners):
     """Domains that share each element: the library's kinds, and "face"."""
     if kind != "face":
         return known(kind, cells)
-    keys, owners = np.unique(np.sort(cells[:, FACES], axis=2).reshape(-1, 3), axis=0, return_inverse=True)
+    keys, owners = np.unique(face_counts(element_faces(cells))[0], return_inverse=True)
     return owners.reshape(len(cells), 4), len(keys)
 
 
