@@ -23,18 +23,22 @@ from jaxfem.batching import lanes_in_turn
 from jaxfem.routes.assembly import BlockMatrix
 from jaxfem.routes.condensed import condensed_matrix, group_modes
 from jaxfem.routes.friction import extra_bounds, placed_at_bounds, sides_of
-from jaxfem.routes.preconditioner import coarse_correction, inverse_blocks
-from jaxfem.routes.row_stiffness import RowStiffness, local_compliance, smoother, stiffened
+from jaxfem.routes.preconditioner import coarse_correction, coarse_matrix, inverse_blocks
+from jaxfem.routes.row_coarse import coarse_space
+from jaxfem.routes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
 from jaxfem.routes.system import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.implicit import or_nan, unless_zero
-from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
+from jaxfem.solvers.semismooth import SHARPEST, RowTerms, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 Pair = tuple[Array, tuple[Array, ...]]
+
+SHARPEST_TIED = 0.1
+"""The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
 
 
 def pair_gradient(system: System, unknown: Pair) -> Pair:
@@ -150,7 +154,8 @@ def _minimizer(system: System) -> Any:
     diagonal = jnp.concatenate([matrix.diagonal_blocks, order.rigid_blocks])
     inverse = inverse_blocks(diagonal)
     local = tuple(local_compliance(each, inverse) for each in rows)
-    precondition, product = _preconditioner(system, matrix, order, diagonal, rows), order.product(matrix)
+    product = order.product(matrix)
+    precondition = (_preconditioner if few(rows) else _tied_preconditioner)(system, matrix, order, diagonal, rows)
 
     def with_rows(stiffness: tuple[Array, ...]) -> Callable[[Array], Array]:
         return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
@@ -167,6 +172,7 @@ def _minimizer(system: System) -> Any:
             absolute=absolute,
             follow=follow,
             stiffened=with_rows,
+            sharpest=SHARPEST if few(rows) else SHARPEST_TIED,
         )
         return order.scattered(step), impulses, info
 
@@ -238,5 +244,20 @@ def _preconditioner(
             return first + smooth(jnp.concatenate([modes, jnp.zeros_like(first[split:])]))
 
         return apply
+
+    return build
+
+
+def _tied_preconditioner(
+    system: System, matrix: BlockMatrix, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
+) -> Any:
+    """stiffness -> preconditioner for many rows between bodies: node blocks, and a coarse space with the rows in it."""
+    modes = group_modes(system)
+    space = coarse_space(modes, coarse_matrix(matrix, modes), order.rigid_blocks)
+
+    def build(stiffness: tuple[Array, ...]) -> Any:
+        kinds = tuple(map(RowStiffness, rows, stiffness))
+        smooth, inverse = smoother(diagonal, kinds), space.inverse(kinds)
+        return lambda residual: smooth(residual) + space.correction(inverse, residual)
 
     return build

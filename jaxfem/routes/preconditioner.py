@@ -44,11 +44,12 @@ def _off_a_line(arm: Array) -> Array:
 
 
 def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
-    """Inverse of Z'SZ, (6 groups, 6 groups): a small dense matrix, scaled by its diagonal before it is factorised.
+    """Inverse of Z'SZ, (6 groups, 6 groups)."""
+    return inverse_of_coarse(coarse_matrix(matrix, modes))
 
-    A group without a free node gets 1 on its diagonal. Should the factorisation fail in rounding, zero: the coarse
-    space is then left out.
-    """
+
+def coarse_matrix(matrix: BlockMatrix, modes: Array) -> Array:
+    """Z'SZ, (6 groups, 6 groups)."""
     groups, nodes = modes.shape[0], matrix.neighbours.shape[0]
     at = modes.reshape(nodes, 3, 6)
     width = matrix.neighbours.shape[1]
@@ -59,13 +60,21 @@ def coarse_inverse(matrix: BlockMatrix, modes: Array) -> Array:
     owner = jnp.arange(nodes) // (nodes // groups)
     coarse = jnp.zeros((groups, groups, 6, 6), blocks.dtype).at[owner[:, None], owner[matrix.neighbours]].add(blocks)
     coarse = coarse.transpose(0, 2, 1, 3).reshape(6 * groups, 6 * groups)
-    coarse = sum((factor.galerkin(modes) for factor in matrix.factors), start=coarse)
+    return sum((factor.galerkin(modes) for factor in matrix.factors), start=coarse)
+
+
+def inverse_of_coarse(coarse: Array) -> Array:
+    """Inverse of a small dense matrix, scaled by its diagonal before it is factorised.
+
+    An unknown that nothing holds gets 1 on its diagonal. Should the factorisation fail in rounding, zero: the coarse
+    space is then left out.
+    """
     diagonal = jnp.diagonal(coarse)
     scale = jnp.where(diagonal > 0, diagonal, 1) ** -0.5
     shift = 30 * jnp.finfo(coarse.dtype).eps
     scaled = coarse * scale[:, None] * scale + jnp.diag(jnp.where(diagonal > 0, shift, 1))
     factor = jax.scipy.linalg.cho_factor(scaled)
-    inverse = jax.scipy.linalg.cho_solve(factor, jnp.eye(6 * groups, dtype=coarse.dtype)) * scale[:, None] * scale
+    inverse = jax.scipy.linalg.cho_solve(factor, jnp.eye(coarse.shape[0], dtype=coarse.dtype)) * scale[:, None] * scale
     return jnp.where(jnp.isfinite(inverse).all(), inverse, 0.0)
 
 

@@ -58,10 +58,15 @@ def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -
     return apply
 
 
+def few(rows: Sequence[PointRows]) -> bool:
+    """Whether rows over several nodes are few enough to be treated exactly."""
+    return sum(each.bias.size for each in rows if each.triples.shape[1] > 1) <= MOST_EXACT
+
+
 def smoother(diagonal: Array, kinds: Sequence[RowStiffness]) -> Callable[[Array], Array]:
     """r -> (D + J' k J)^-1 r on fields (N, 3): exact for rows on one node each, and for few others."""
     several = [kind for kind in kinds if not kind.single]
-    exact = 0 < sum(kind.stiffness.size for kind in several) <= MOST_EXACT
+    exact = bool(several) and few([kind.rows for kind in several])
     blocks = diagonal
     for kind in kinds:
         if kind.single or not exact:

@@ -15,6 +15,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import pytree
 from jaxfem.solvers import trees
+from jaxfem.solvers.anderson import History, accelerated, empty
 from jaxfem.solvers.box import where_at
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
@@ -30,10 +31,9 @@ FORCING, CLOSE = 0.1, 1e-2
 """Relative residual of a Newton step's linear solve, while the active set changes and once it is the last step's."""
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
-MOST_TRIPS = 200
-PLAIN_TRIPS = 60
-"""Trips after which bounds that follow the impulses go half of the way only: where they circle, that brings them to
-rest."""
+MOST_TRIPS = 400
+WORSE = 2.0
+"""Growth of the rows' violation from one move to the next at which what the earlier moves told is forgotten."""
 
 
 class RowOperator(Protocol):
@@ -102,6 +102,8 @@ class _State:
     gradient: Array
     slack: Blocks
     centre: Blocks
+    history: History
+    far: Array
     bounds: Bounds
     share: Array
     free: Blocks
@@ -123,6 +125,7 @@ def minimize_with_rows(
     absolute: Any = 0.0,
     follow: Callable[[Blocks], Bounds] | None = None,
     stiffened: Callable[[Blocks], Operator] | None = None,
+    sharpest: float = SHARPEST,
 ) -> tuple[Array, Blocks, SolveInfo]:
     """Find the step d and impulses lam with  gradient + S d = J' lam  and  slack - J d - C lam  complementary to
     lower <= lam <= upper:  (d, lam, info).
@@ -134,7 +137,8 @@ def minimize_with_rows(
     max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
     conjugate gradients, as info.iterations does. `follow`: impulses -> bounds, where these depend on the impulses of
     other rows (friction): each move of the centre takes them anew, and the violation is judged by the new ones
-    (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds.
+    (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds. `sharpest`: where
+    the share of compliance ends; near one where the preconditioner bears stiff rows badly.
     No derivative rule. vmap-safe: a lane that has arrived stays as it is.
     """
     none = trees.zeros(terms.start)
@@ -144,14 +148,17 @@ def minimize_with_rows(
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
     bounds = terms.lower, terms.upper
-    first = _State(0 * gradient, gradient, terms.slack, start, bounds, START * one, terms.free(start), *counts)
+    history, never = empty(start), jnp.inf * one
+    first = _State(
+        0 * gradient, gradient, terms.slack, start, history, never, bounds, START * one, terms.free(start), *counts
+    )
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
 
     def trip(s: _State) -> _State:
         before = s.free
-        s, soft, impulses, free = _settle(rows, terms, target, s, follow)
+        s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
         stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
 
         going = s.status == Status.ITERATION_LIMIT
@@ -194,7 +201,12 @@ def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Bloc
 
 
 def _settle(
-    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: _State, follow: Callable[[Blocks], Bounds] | None
+    rows: Sequence[RowOperator],
+    terms: RowTerms,
+    target: Array,
+    s: _State,
+    follow: Callable[[Blocks], Bounds] | None,
+    sharpest: float,
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
@@ -210,10 +222,21 @@ def _settle(
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
-    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, SHARPEST), s.share)
-    centre = trees.where(moving, impulses, s.centre)
-    bounds = s.bounds if follow is None else trees.where(moving, _towards(s, wanted), s.bounds)
-    settled = s.replace(centre=centre, bounds=bounds, share=share, residual=residual, status=status)  # type: ignore[attr-defined]
+    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
+    kept = trees.where((far < WORSE * s.far) & (share == s.share), s.history, empty(s.centre))
+    ahead, history = accelerated(kept, s.centre, impulses, terms.local)
+    centre = trees.where(moving, ahead, s.centre)
+    history = trees.where(moving, history, s.history)
+    bounds = s.bounds if follow is None else trees.where(moving, follow(ahead), s.bounds)
+    settled = s.replace(  # type: ignore[attr-defined]
+        history=history,
+        far=jnp.where(moving, far, s.far),
+        centre=centre,
+        bounds=bounds,
+        share=share,
+        residual=residual,
+        status=status,
+    )
     soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
     return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
@@ -221,12 +244,6 @@ def _settle(
 
 def _same(a: Blocks, b: Blocks) -> Array:
     return jnp.stack([jnp.all(one == other) for one, other in zip(a, b, strict=True)]).all()
-
-
-def _towards(s: _State, wanted: Bounds) -> Bounds:
-    """The bounds that the impulses ask for, or half of the way to them."""
-    part = jnp.where(s.trips < PLAIN_TRIPS, 1.0, 0.5)
-    return jax.tree.map(lambda old, new: jnp.where(jnp.isfinite(new), old + part * (new - old), new), s.bounds, wanted)
 
 
 def _snapped(impulses: Blocks, old: Bounds, new: Bounds) -> Blocks:
