@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.bodies.shapes import HeightField, Plane, SignedDistance, TriangleMesh
 from jaxfem.coupling.bodies import BodyIndex
+from jaxfem.coupling.embedded import embedded
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rows.attachments import RigidPoint, SoftPoint
 from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
@@ -60,8 +61,9 @@ def _candidates(contact: Contact, index: BodyIndex, where: str) -> Iterator[Any]
     points: Any
     if kind == "soft":
         points, radius = _soft_points(contact, index, a, where)
-    elif contact.nodes is not None:
-        raise SceneError(f"{where} names nodes, which belong to a soft body: make that one `a`")
+    elif contact.nodes is not None or contact.surface is not None:
+        what = "a surface, which is embedded in" if contact.nodes is None else "nodes, which belong to"
+        raise SceneError(f"{where} names {what} a soft body: make that one `a`")
     else:
         points, radius = _rigid_points(index, a)
     size = _size(index, kind, a)
@@ -76,7 +78,7 @@ def _candidates(contact: Contact, index: BodyIndex, where: str) -> Iterator[Any]
         raise SceneError(f"{where}: put the soft body first, Contact(soft, rigid)")
     if other == "soft":
         yield _soft_pair(points, index, b, margin[0], rough)
-        if contact.nodes is None:
+        if contact.nodes is None and contact.surface is None:
             yield _soft_pair(_soft_points(contact, index, b, where)[0], index, a, margin[0], rough)
         return
     shape = index.rigid[b].shape
@@ -121,6 +123,9 @@ def _soft_pair(points: SoftPoint, index: BodyIndex, b: int, margin: float, rough
 
 def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) -> tuple[SoftPoint, np.ndarray]:
     body = index.soft[number]
+    if contact.surface is not None:
+        cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
+        return SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells))
     chosen = body.mesh.surface_nodes if contact.nodes is None else body.nodes_of("nodes of a contact", contact.nodes)
     if not len(chosen):
         raise SceneError(f"{where} touches with no node: its selection of nodes is empty")

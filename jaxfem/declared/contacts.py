@@ -11,10 +11,13 @@ class Contact:
     """`a` and `b` do not pass through each other.
 
     `a`: a body of the scene (the object or its name). `b`: another body, or ground: a `Plane`, a `HeightField` or a
-    `SignedDistance`. A soft body touches with the `nodes` of its surface (all, or a selection), a rigid one with what
-    its shape's `features` lists. `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after
-    an impact over speed before. `margin` [m]: pairs further apart than this, beyond what they approach within the step,
-    take no part (a twentieth of a's size without it). Raises SceneError.
+    `SignedDistance`. A soft body touches with the `nodes` of its surface (all, or a selection), or in their place with
+    the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start: each moves
+    with the element that holds it or is nearest to it. A rigid body touches with what its shape's `features` lists.
+    Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
+    `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after an impact over speed before.
+    `margin` [m]: pairs further apart than this, beyond what they approach within the step, take no part (a twentieth of
+    a's size without it). Raises SceneError.
     """
 
     a: Any
@@ -23,6 +26,7 @@ class Contact:
     restitution: float = 0.0
     margin: float | None = None
     nodes: Any = None
+    surface: Any = None
     name: str | None = None
 
     def __post_init__(self) -> None:
@@ -30,6 +34,8 @@ class Contact:
             raise SceneError(f'"{self.label}" needs two partners; ground is a Plane, a HeightField or a SignedDistance')
         checked_number(f'friction of "{self.label}"', self.friction, low=0)
         checked_number(f'restitution of "{self.label}"', self.restitution, low=0, high=1)
+        if self.nodes is not None and self.surface is not None:
+            raise SceneError(f'"{self.label}" has both nodes and surface: give the points that touch once')
         if self.margin is not None:
             checked_number(f'margin of "{self.label}"', self.margin, low=0, open_low=True)
 

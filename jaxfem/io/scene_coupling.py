@@ -40,7 +40,7 @@ JOINT_KEYS = {
     "rope": ("anchor", "anchor_b", "length"),
 }
 MOTOR_KEYS = ("target", "strength", "position", "compliance", "damping")
-CONTACT_KEYS = ("name", "a", "b", "ground", "friction", "restitution", "margin", "nodes")
+CONTACT_KEYS = ("name", "a", "b", "ground", "friction", "restitution", "margin", "nodes", "surface")
 GROUND_KEYS = {"plane": ("point",), "heights": ("spacing", "origin")}
 
 
@@ -91,8 +91,8 @@ def read_joint(values: dict[str, Any], where: str, soft: Sequence[SoftBody]) -> 
     return joint(*ends, anchor, table.vector("axis"), *limits, motor, **shared)
 
 
-def read_contact(table: Table, soft: Sequence[SoftBody]) -> Contact:
-    """The contact that a [[contact]] table describes."""
+def read_contact(table: Table, soft: Sequence[SoftBody], folder: Path) -> Contact:
+    """The contact that a [[contact]] table describes; surface files are looked for in `folder`."""
     if ("b" in table) == ("ground" in table):
         both = "both 'b' and 'ground'" if "b" in table else "neither 'b' (a body's name) nor 'ground'"
         raise SceneFileError(f"{table.where} has {both}: give one of them")
@@ -103,6 +103,7 @@ def read_contact(table: Table, soft: Sequence[SoftBody]) -> Contact:
         restitution=table.number("restitution", 0.0),
         margin=table.number("margin", None, "m", positive=True),
         nodes=_nodes(table, soft) if "nodes" in table else None,
+        surface=_vertices(table, folder) if "surface" in table else None,
         name=table.text("name", None),
     )
 
@@ -118,6 +119,11 @@ def _shape(table: Table, folder: Path) -> Any:
         return TriangleMesh(shape.number("scale", 1.0, positive=True) * points, triangles)
     sizes = shape.number(kind, unit="m", positive=True), shape.number("length", unit="m", positive=True)
     return Capsule(*sizes) if kind == "capsule" else Cylinder(*sizes)
+
+
+def _vertices(table: Table, folder: Path) -> Any:
+    surface = table.table("surface", ("file", "scale"), f"'surface' in {table.where}")
+    return read_surface(folder / surface.text("file"), surface.number("scale", 1.0, positive=True))[0]
 
 
 def _ground(table: Table) -> Any:

@@ -117,7 +117,9 @@ def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
             "the scene holds no body: add a table [[body]] with mesh, young, poisson and density, or a [[rigid]] one"
         )
     joints = [read_joint(values, where, soft) for values, where in _listed(top, "joint")]
-    contacts = [read_contact(Table(values, where, CONTACT_KEYS), soft) for values, where in _listed(top, "contact")]
+    contacts = [
+        read_contact(Table(values, where, CONTACT_KEYS), soft, folder) for values, where in _listed(top, "contact")
+    ]
     return Scene([*soft, *rigid], gravity, joints, contacts)
 
 

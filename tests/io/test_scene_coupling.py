@@ -113,6 +113,16 @@ def test_a_surface_file_makes_a_rigid_body(write, tmp_path):
     assert body.properties[0] == pytest.approx(1.0)
 
 
+def test_a_surface_file_gives_the_points_that_touch(write, tmp_path):
+    import meshio
+
+    points = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
+    meshio.Mesh(points, [("triangle", [[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])]).write(tmp_path / "skin.obj")
+    text = SOFT + "[[contact]]\na = 'arm'\nground = { plane = [0, 0, 1] }\nsurface = { file = 'skin.obj', scale = 0.1 }"
+    (contact,) = load_scene(write(TIME + text)).scene.contacts
+    np.testing.assert_allclose(np.sort(contact.surface, 0), np.sort(0.1 * points, 0))
+
+
 @pytest.mark.parametrize(
     ("text", "message"),
     [
@@ -129,6 +139,7 @@ def test_a_surface_file_makes_a_rigid_body(write, tmp_path):
         (RIGID + "[[joint]]\nkind = 'ball'\nanchor = [0, 0, 0]", "world to itself"),
         (RIGID + "[[joint]]\nkind = 'ball'\naxis = [0, 0, 1]\na = 'tool'", "unknown key 'axis'"),
         (RIGID + "[[joint]]\nkind = 'weld'\na = 'tool'\nnodes = 'x+'", "those of a soft body"),
+        (SOFT + "[[contact]]\na = 'arm'\nground = { plane = [0, 0, 1] }\nsurface = 'skin.obj'", "table"),
         (RIGID + "[[contact]]\na = 'tool'", "neither 'b'"),
         (RIGID + "[[contact]]\na = 'tool'\nground = { plain = [0, 0, 1] }", "did you mean 'plane'"),
         (RIGID + "[[contact]]\na = 'tool'\nground = { heights = [1, 2], spacing = [1, 1] }", "at least two rows"),
