@@ -7,11 +7,12 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.bodies.shapes import HeightField, Plane, SignedDistance, TriangleMesh
+from jaxfem.bodies.shapes import Box, HeightField, Plane, SignedDistance, TriangleMesh
 from jaxfem.coupling.bodies import BodyIndex
 from jaxfem.coupling.embedded import embedded
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rows.attachments import RigidPoint, SoftPoint
+from jaxfem.rows.box_edges import MOST, BoxEdges
 from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
 
 GROUND = (Plane, HeightField, SignedDistance)
@@ -89,6 +90,8 @@ def _candidates(contact: Contact, index: BodyIndex, where: str) -> Iterator[Any]
             )
     else:
         yield _against(index, points, radius, margin, b, rough)
+    if kind == "rigid" and isinstance(shape, Box) and isinstance(index.rigid[a].shape, Box):
+        yield _box_edges(index, a, b, margin[0], rough)
     if kind == "rigid" and not _round(index, a) and not _round(index, b):
         back, radii = _rigid_points(index, b)
         yield _against(index, back, radii, np.full(len(radii), margin[0]), a, rough)
@@ -113,6 +116,18 @@ def _against(index: BodyIndex, points: Any, radius: Any, margin: Any, body: int,
     count = len(radius)
     shape = _repeated(index.rigid[body].shape, count)
     return ShapeContacts(points, radius, shape, np.full(count, body, np.int32), margin, rough, False)
+
+
+def _box_edges(index: BodyIndex, a: int, b: int, margin: float, rough: bool) -> BoxEdges:
+    half_a, origin_a = _block(index.rigid[a])
+    half_b, origin_b = _block(index.rigid[b])
+    one, other = np.full(1, a, np.int32), np.full(1, b, np.int32)
+    return BoxEdges(one, other, half_a, half_b, origin_a, origin_b, np.full(MOST, margin), rough)
+
+
+def _block(body: Any) -> tuple[np.ndarray, np.ndarray]:
+    """Halves of a box's size, and its origin from the centre of mass, (1, 3) each."""
+    return np.asarray(body.shape.size, float)[None] / 2, -body.properties[1][None]
 
 
 def _soft_pair(points: SoftPoint, index: BodyIndex, b: int, margin: float, rough: bool) -> SurfaceContacts:

@@ -32,8 +32,8 @@ FORCING, CLOSE = 0.1, 1e-2
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
 MOST_TRIPS = 400
-WORSE = 2.0
-"""Growth of the rows' violation from one move to the next at which what the earlier moves told is forgotten."""
+WORSE = 5.0
+"""Growth of the rows' violation at which an accelerated move is taken back."""
 
 
 class RowOperator(Protocol):
@@ -103,6 +103,8 @@ class _State:
     slack: Blocks
     centre: Blocks
     history: History
+    plain: Blocks
+    bold: Array
     far: Array
     bounds: Bounds
     share: Array
@@ -148,10 +150,8 @@ def minimize_with_rows(
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
     bounds = terms.lower, terms.upper
-    history, never = empty(start), jnp.inf * one
-    first = _State(
-        0 * gradient, gradient, terms.slack, start, history, never, bounds, START * one, terms.free(start), *counts
-    )
+    moves = empty(start), start, jnp.bool_(False), jnp.inf * one
+    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
@@ -223,14 +223,18 @@ def _settle(
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
     share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
-    kept = trees.where((far < WORSE * s.far) & (share == s.share), s.history, empty(s.centre))
+    worse = moving & s.bold & (far > WORSE * s.far)
+    kept = trees.where(share == s.share, s.history, empty(s.centre))
     ahead, history = accelerated(kept, s.centre, impulses, terms.local)
-    centre = trees.where(moving, ahead, s.centre)
-    history = trees.where(moving, history, s.history)
+    ahead, history = trees.where(worse, (s.plain, empty(s.centre)), (ahead, history))
+    centre, history = trees.where(moving, (ahead, history), (s.centre, s.history))
     bounds = s.bounds if follow is None else trees.where(moving, follow(ahead), s.bounds)
+    taken = moving & ~worse
     settled = s.replace(  # type: ignore[attr-defined]
         history=history,
-        far=jnp.where(moving, far, s.far),
+        plain=trees.where(taken, impulses, s.plain),
+        bold=jnp.where(moving, ~worse & (kept.count > 0), s.bold),
+        far=jnp.where(taken, far, s.far),
         centre=centre,
         bounds=bounds,
         share=share,
