@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import pytree, static
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
-from jaxfem.rows.triangles import nearest_triangle
+from jaxfem.rows.triangles import gap_from, nearest_triangle
 
 Array = jax.Array
 
@@ -106,7 +106,7 @@ class SurfaceContacts:
     """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
 
     `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
-    the triangle's normal.
+    the triangle's normal, or from its edge where the point is far beyond it.
     """
 
     points: SoftPoint
@@ -125,7 +125,7 @@ class SurfaceContacts:
         placed = self.points.placed(at)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles)
         other = SoftPoint(chosen, weights).placed(at)
-        gap = jnp.sum((placed.position - other.position) * normal, -1)
+        gap, normal = gap_from(placed.position, other.position, normal, at.nodes[chosen])
         return Pairs(gap, normal, difference(other, placed))
 
 

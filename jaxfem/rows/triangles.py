@@ -21,6 +21,25 @@ def nearest_triangle(points: Array, nodes: Array, triangles: Array) -> tuple[Arr
     return chosen, weights, normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
 
 
+ASIDE = 0.1
+"""Share of a triangle's size from which a point beyond its edge is no longer over it."""
+
+
+def gap_from(points: Array, feet: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
+    """Gap (m,) and normal (m, 3) of points (m, 3) from the feet on their triangles, `corners` (m, 3, 3).
+
+    Along the triangle's normal; far aside of it, beyond an edge of the surface, along the way from the edge: what hangs
+    over is not carried. Near the edge the triangle goes on: two faces laid edge on edge would else lose their hold.
+    """
+    way = points - feet
+    height, square = jnp.sum(way * normal, -1), jnp.sum(way**2, -1)
+    area = jnp.linalg.norm(jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    beyond = square - height**2 > ASIDE**2 * area
+    length = jnp.sqrt(jnp.where(beyond, square, 1))
+    length = jnp.where(height < -0.5 * length, -length, length)  # beneath a concave edge
+    return jnp.where(beyond, length, height), jnp.where(beyond[:, None], way / length[:, None], normal)
+
+
 def _square_distances(points: Array, corners: Array) -> Array:
     """(m, t), to the nearest point of each triangle."""
     a, b, c = (corners[:, :, i] for i in range(3))
