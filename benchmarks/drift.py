@@ -18,8 +18,8 @@ jax.config.update("jax_enable_x64", True)
 
 import jax.numpy as jnp  # noqa: E402
 import numpy as np  # noqa: E402
-from joint_grid import DT, grid  # noqa: E402
-from machine import describe, first_time, median_time  # noqa: E402
+from joint_grid import DT, anchor_gap, grid  # noqa: E402
+from machine import describe, median_time  # noqa: E402
 from report import arguments, finish  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
@@ -69,16 +69,9 @@ def projected(model, params, state):
 
 def figures_of(model, params, state):
     """Largest gap, largest speed, total energy."""
-    at = coupled.configuration(state)
-    ends = [(lock.a.placed(at).position, lock.b.placed(at).position) for lock in model.joints.values()]
-    gap = jnp.stack([jnp.linalg.norm(b - a, axis=-1).max() for a, b in ends]).max()
     speed = jnp.linalg.norm(state.rigid.velocities, axis=-1).max()
-    mass, spin = params.rigid.mass, state.rigid.angular_velocities
-    inertia = mass[:, None, None] * model.rigid.inertia_per_mass
-    local = jnp.einsum("bji,bj->bi", at.rotations, spin)
-    kinetic = 0.5 * jnp.sum(mass * jnp.sum(state.rigid.velocities**2, -1))
-    kinetic = kinetic + 0.5 * jnp.einsum("bi,bij,bj->", local, inertia, local)
-    return gap, speed, kinetic - jnp.sum(mass[:, None] * params.gravity * state.rigid.positions)
+    energies = jf.energies(model, params, state)
+    return anchor_gap(model, state), speed, energies.kinetic + energies.gravity
 
 
 @partial(jax.jit, static_argnames=("steps", "project"))
@@ -103,7 +96,6 @@ def measure(scene, share, project, steps):
     def call():
         return run(model, values, state, steps, project)
 
-    first_time(call)
     seconds = median_time(call, 1)
     gap, speed, energy, status = (np.asarray(each) for each in call())
     wild = np.flatnonzero(~(speed < 100))

@@ -103,9 +103,9 @@ def _perpendiculars(
     gap = jnp.sum(normal * (foot_a - foot_b), -1)
 
     size = jnp.minimum(half_a.min(), half_b.min())
-    reach_a = jnp.abs(normal @ turn_a) @ half_a + jnp.sum(normal * arm_a, -1)
-    reach_b = jnp.abs(normal @ turn_b) @ half_b - jnp.sum(normal * arm_b, -1)
-    furthest = jnp.maximum(reach_a, reach_b) <= TOLERANCE * size
+    short_a = _reach(normal, turn_a, half_a) + jnp.sum(normal * arm_a, -1)
+    short_b = _reach(normal, turn_b, half_b) - jnp.sum(normal * arm_b, -1)
+    furthest = jnp.maximum(short_a, short_b) <= TOLERANCE * size
     on_both = (jnp.abs(s) <= half_a[axes[i]]) & (jnp.abs(t) <= half_b[axes[j]])
     return gap, normal, 0.5 * (foot_a + foot_b), crossing & furthest & on_both
 
@@ -113,5 +113,10 @@ def _perpendiculars(
 def _face_separation(way: Array, turn_a: Array, turn_b: Array, half_a: Array, half_b: Array) -> Array:
     """The largest separation of the boxes along a normal of one's faces; negative where all overlap."""
     normals = jnp.concatenate([turn_a.T, turn_b.T])
-    reach = jnp.abs(normals @ turn_a) @ half_a + jnp.abs(normals @ turn_b) @ half_b
+    reach = _reach(normals, turn_a, half_a) + _reach(normals, turn_b, half_b)
     return jnp.max(jnp.abs(normals @ way) - reach)
+
+
+def _reach(directions: Array, turn: Array, half: Array) -> Array:
+    """How far a box reaches from its centre along each direction (m, 3)."""
+    return jnp.abs(directions @ turn) @ half

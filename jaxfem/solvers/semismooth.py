@@ -98,13 +98,15 @@ class RowTerms:
 
 @pytree
 class _State:
+    """`centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and violation that the last move
+    not taken back started from."""
+
     step: Array
     gradient: Array
     slack: Blocks
     centre: Blocks
     history: History
     plain: Blocks
-    bold: Array
     far: Array
     bounds: Bounds
     share: Array
@@ -150,7 +152,7 @@ def minimize_with_rows(
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
     bounds = terms.lower, terms.upper
-    moves = empty(start), start, jnp.bool_(False), jnp.inf * one
+    moves = empty(start), start, jnp.inf * one
     first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
 
     def running(s: _State) -> Array:
@@ -223,7 +225,8 @@ def _settle(
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
     share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
-    worse = moving & s.bold & (far > WORSE * s.far)
+    # An accelerated move (the second that is known, or later) that made matters worse is taken back.
+    worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
     kept = trees.where(share == s.share, s.history, empty(s.centre))
     ahead, history = accelerated(kept, s.centre, impulses, terms.local)
     ahead, history = trees.where(worse, (s.plain, empty(s.centre)), (ahead, history))
@@ -233,7 +236,6 @@ def _settle(
     settled = s.replace(  # type: ignore[attr-defined]
         history=history,
         plain=trees.where(taken, impulses, s.plain),
-        bold=jnp.where(moving, ~worse & (kept.count > 0), s.bold),
         far=jnp.where(taken, far, s.far),
         centre=centre,
         bounds=bounds,
