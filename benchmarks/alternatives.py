@@ -16,9 +16,9 @@ jax.config.update("jax_enable_x64", True)
 import jax.numpy as jnp  # noqa: E402
 import scipy.sparse as sparse  # noqa: E402
 import scipy.sparse.linalg as direct  # noqa: E402
+from jaxfem.bodies import smoothing  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
-from jaxfem.bodies import smoothing  # noqa: E402
 from jaxfem.mesh.topology import element_faces, face_counts  # noqa: E402
 
 YOUNG, DENSITY, GRAVITY = 263824.0, 1070.0, 9.80709

@@ -20,8 +20,8 @@ import jax.numpy as jnp  # noqa: E402
 from scenes import brick  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
-from jaxfem.routes.condensed import condensed_matrix  # noqa: E402
-from jaxfem.routes.system import momentum_gradient, step_system  # noqa: E402
+from jaxfem.methods.nodes.condensed import condensed_matrix  # noqa: E402
+from jaxfem.system.soft import momentum_gradient, step_system  # noqa: E402
 
 CONVERGED, STEPS, DT = 5.633, 60, 1 / 60
 

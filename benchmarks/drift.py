@@ -23,7 +23,7 @@ from machine import describe, median_time  # noqa: E402
 from report import arguments, finish  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
-import jaxfem.routes.coupled as coupled  # noqa: E402
+import jaxfem.system.coupled as coupled  # noqa: E402
 
 SHARES = {"none": 1e-9, "baumgarte_0.2": 0.2, "whole_gap": 1.0, "projection": 1e-9}
 TRACE = 1e-12  # m/N: a compliance that only carries the damping which makes a share of the gap

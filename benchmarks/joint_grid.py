@@ -19,7 +19,7 @@ from machine import describe, first_time, median_time  # noqa: E402
 from report import finish, line_plot  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
-from jaxfem.routes.coupled import configuration  # noqa: E402
+from jaxfem.system.coupled import configuration  # noqa: E402
 
 SIDE, CHAIN, DT, TOLERANCE = 20, 16, 1 / 60, 1e-4
 

@@ -11,11 +11,11 @@ from machine import describe, median_time
 from report import arguments, finish
 
 import jaxfem as jf
-from jaxfem.bodies.domains import domain_gradient
-from jaxfem.bodies.elements import rotation_of
-from jaxfem.routes.condensed import coarse_of, condensed_matrix, group_modes
-from jaxfem.routes.preconditioner import two_level
-from jaxfem.routes.system import momentum_gradient, step_system
+from jaxfem.elements.domains import domain_gradient
+from jaxfem.elements.tetra import rotation_of
+from jaxfem.methods.nodes.condensed import coarse_of, condensed_matrix, group_modes
+from jaxfem.methods.nodes.preconditioner import two_level
+from jaxfem.system.soft import momentum_gradient, step_system
 from jaxfem.tensors import array_of
 
 DT, LOOPS = 1 / 60, 100

@@ -1,20 +1,20 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.bodies.rigid import RigidParams, RigidSet, RigidState
-from jaxfem.bodies.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
-from jaxfem.building import AccuracyWarning, build
+from jaxfem.building.build import AccuracyWarning, build
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
+from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
+from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
-from jaxfem.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
-from jaxfem.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
+from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
 from jaxfem.schemes import scheme_damping
 from jaxfem.statics import equilibrium
-from jaxfem.stepping import StepError, prepare, rollout, step
+from jaxfem.stepping.step import StepError, prepare, rollout, step
 from jaxfem.vibration import modes
 
 __all__ = [

@@ -3,16 +3,15 @@
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.elasticity import elastic_energy
-from jaxfem.bodies.rigid import rigid_energies
+from jaxfem.elements.elasticity import elastic_energy
 from jaxfem.model import Model, Params, State, elementwise, mass_coupling, nodal_mass
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
+from jaxfem.rigid.dynamics import rigid_energies
 
 Array = jax.Array
 
 
-@pytree
-class Energies:
+class Energies(Pytree):
     """`kinetic`, `elastic` and `gravity` (potential, zero at the undeformed place) [J]."""
 
     kinetic: Array

@@ -6,17 +6,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import Domains, domain_damping, domain_stiffness
-from jaxfem.bodies.elements import Elements, RotationKind
-from jaxfem.bodies.mass import MassCoupling, MassKind, consistent_share
-from jaxfem.bodies.rigid import RigidParams, RigidSet, RigidState
-from jaxfem.pytrees import pytree, static
+from jaxfem.elements.domains import Domains, domain_damping, domain_stiffness
+from jaxfem.elements.mass import MassCoupling, MassKind, consistent_share
+from jaxfem.elements.tetra import Elements, RotationKind
+from jaxfem.pytrees import Pytree, static
+from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 
 Array = jax.Array
 
 
-@pytree
-class Params:
+class Params(Pytree):
     """The numbers that users differentiate, fit and sweep.
 
     `young` [Pa], `poisson`, `damping` [s] and `density` [kg/m^3] are each a scalar (all bodies), an array (bodies,) or
@@ -37,8 +36,7 @@ class Params:
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
 
 
-@pytree
-class State:
+class State(Pytree):
     """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
 
     `accelerations` (n, 3) [m/s^2] belong to the second-order scheme; None where they are unknown, as at the start: the
@@ -56,8 +54,7 @@ class State:
     rigid: RigidState | None = None
 
 
-@pytree
-class Pattern:
+class Pattern(Pytree):
     """Where the assembled matrix has its 3x3 blocks, on nodes in *solver order*: group by group, padded to equal sizes.
 
     `neighbours` (N, width): each node's neighbours in padded rows, itself first; `blocks` (N, width): the row of each
@@ -95,8 +92,7 @@ class Pattern:
         return field[self.place]
 
 
-@pytree
-class Model:
+class Model(Pytree):
     """Topology and configuration of a built scene; arrays are leaves, only flags are static.
 
     `elements`: all tetrahedra; `domains`: where strain is taken, one entry a kind. `rest` (n, 3) undeformed nodes [m],
@@ -151,8 +147,7 @@ class Model:
         return jnp.flatnonzero(self.node_body == self.bodies.index(name))
 
 
-@pytree
-class StepInfo:
+class StepInfo(Pytree):
     """How a step went: `status` (see `jaxfem.solvers.describe`), `iterations`, relative `residual`, counts of rows
     exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step.
 

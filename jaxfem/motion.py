@@ -5,14 +5,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.rotation import rotation_vector_to_matrix
 
 Array = jax.Array
 
 
-@pytree
-class Motion:
+class Motion(Pytree):
     """Motion of a driven set of nodes: u(t) = velocity t + amplitude (sin(2 pi f t + phase) - sin(phase)), and a turn.
 
     `velocity` (3,) [m/s], `amplitude` (3,) [m], `frequency` [Hz], `phase` [rad], `angular_velocity` (3,) [rad/s] about

@@ -1,11 +1,9 @@
 """Frozen dataclasses that JAX sees as pytrees: the only kind of object that enters a compiled function."""
 
 import dataclasses
-from typing import Any, TypeVar, dataclass_transform
+from typing import Any, Self, dataclass_transform
 
 import jax
-
-T = TypeVar("T")
 
 
 def static(**kwargs: Any) -> Any:
@@ -14,18 +12,19 @@ def static(**kwargs: Any) -> Any:
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(static, dataclasses.field))
-def pytree(cls: type[T]) -> type[T]:
-    """Class decorator: a frozen dataclass registered with JAX, with a `replace(**changes)` method."""
+class Pytree:
+    """Base class: each subclass is a frozen dataclass registered with JAX, whose fields are leaves unless `static`."""
 
-    def replace(self: Any, **changes: Any) -> Any:
-        return dataclasses.replace(self, **changes)
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+        fields = dataclasses.fields(made)
+        jax.tree_util.register_dataclass(
+            made,
+            data_fields=[f.name for f in fields if not f.metadata.get("static")],
+            meta_fields=[f.name for f in fields if f.metadata.get("static")],
+        )
 
-    if "replace" not in cls.__dict__:
-        cls.replace = replace  # type: ignore[attr-defined]
-    made = dataclasses.dataclass(frozen=True, eq=False)(cls)
-    fields = dataclasses.fields(made)  # type: ignore[arg-type]
-    return jax.tree_util.register_dataclass(
-        made,
-        data_fields=[f.name for f in fields if not f.metadata.get("static")],
-        meta_fields=[f.name for f in fields if f.metadata.get("static")],
-    )
+    def replace(self, **changes: Any) -> Self:
+        """The same with some fields changed."""
+        return dataclasses.replace(self, **changes)  # type: ignore[type-var]

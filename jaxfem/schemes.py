@@ -17,15 +17,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 
 Array = jax.Array
 
 SCHEMES = ("backward_euler", "generalized_alpha")
 
 
-@pytree
-class Stage:
+class Stage(Pytree):
     """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros.
 
     `reach`, `follow` and `weight` are one number each, or (n, 1) where bodies take the step by different schemes.
@@ -45,8 +44,7 @@ class Stage:
         return reach, follow, weight
 
 
-@pytree
-class Alpha:
+class Alpha(Pytree):
     """The numbers of generalised alpha for a given rho."""
 
     mass: Array
@@ -95,7 +93,7 @@ def moved_to(stage: Stage, velocities: Array) -> Stage:
     place = stage.base + stage.reach * velocities
     place = place if stage.ahead is None else place + stage.ahead
     before = jnp.zeros_like(velocities) if stage.before is None else stage.before
-    return stage.replace(base=place, ahead=-stage.reach * velocities, before=before)  # type: ignore[attr-defined]
+    return stage.replace(base=place, ahead=-stage.reach * velocities, before=before)
 
 
 def alpha_advance(

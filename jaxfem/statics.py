@@ -6,16 +6,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.elasticity import elastic_response
+from jaxfem.elements.elasticity import elastic_response
 from jaxfem.loads import FacePressure
+from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, StepInfo, elementwise
-from jaxfem.pytrees import pytree
-from jaxfem.routes.system import elastic_rounding, external_force
-from jaxfem.routes.tangent import tangent_and_preconditioner
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping import StepError, check_call, inverted_elements, typed
+from jaxfem.stepping.step import StepError, check_call, inverted_elements, typed
+from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
 
 Array = jax.Array
@@ -23,8 +23,7 @@ Array = jax.Array
 NOISE = 3.0  # times the forces that rounding makes of positions at the start: what it may make on the way
 
 
-@pytree
-class _StaticInputs:
+class _StaticInputs(Pytree):
     model: Model
     params: Params
     held: Array  # positions (n, 3) that fixed nodes keep
@@ -87,7 +86,7 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     guess = jax.lax.stop_gradient(state.positions)
     unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
-    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)  # type: ignore[attr-defined]
+    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)
     inverted = inverted_elements(model, positions)
     return rest, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
 

@@ -6,16 +6,16 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import domain_strains
-from jaxfem.bodies.elasticity import elastic_force
-from jaxfem.bodies.mass import MASSES, MassKind, mass_product
+from jaxfem.elements.domains import domain_strains
+from jaxfem.elements.elasticity import elastic_force
+from jaxfem.elements.mass import MASSES, MassKind, mass_product
+from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, elementwise, nodal_mass, per_element
-from jaxfem.pytrees import pytree
-from jaxfem.routes.tangent import tangent_and_preconditioner
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers.eigen import lowest_eigenpairs
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping import StepError, check_call, typed
+from jaxfem.stepping.step import StepError, check_call, typed
 from jaxfem.tensors import array_of
 
 Array = jax.Array
@@ -24,8 +24,7 @@ Array = jax.Array
 _REPEATED = 1e-6
 
 
-@pytree
-class _Inputs:
+class _Inputs(Pytree):
     model: Model
     params: Params
     positions: Array

@@ -6,9 +6,9 @@ import numpy as np
 import scipy.sparse as sparse
 import scipy.sparse.linalg as direct
 
-from jaxfem.bodies.domains import domain_strain
+from jaxfem.elements.domains import domain_strain
+from jaxfem.methods.nodes.assembly import assemble_tangent
 from jaxfem.model import elementwise, nodal_mass, per_element
-from jaxfem.routes.assembly import assemble_tangent
 from jaxfem.tensors import array_of
 
 

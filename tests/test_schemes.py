@@ -9,7 +9,7 @@ import pytest
 import scenes
 
 import jaxfem as jf
-from jaxfem.bodies.mass import mass_product
+from jaxfem.elements.mass import mass_product
 from jaxfem.model import mass_coupling, nodal_mass
 from jaxfem.schemes import scheme_damping
 
@@ -51,8 +51,8 @@ def test_schemes_converge_at_their_order_with_damping(scheme, rotations, order):
 
 def lowest_mode(model, params):
     """Frequency and mass-normalised shape of the lowest mode, from the matrix of a tiny step (host side)."""
-    from jaxfem.routes.condensed import condensed_matrix
-    from jaxfem.routes.system import step_system
+    from jaxfem.methods.nodes.condensed import condensed_matrix
+    from jaxfem.system.soft import step_system
 
     state = jf.State(model.rest, jnp.zeros_like(model.rest), jnp.zeros(()))
     own = params.replace(damping=jnp.zeros(()))
@@ -137,7 +137,7 @@ def test_info_reports_the_schemes_own_damping():
 @pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
 def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver):
     """M dv = dt f where the scheme takes its forces, with the exact corotated force; explicit ones miss that."""
-    from jaxfem.bodies.elasticity import viscoelastic_force
+    from jaxfem.elements.elasticity import viscoelastic_force
     from jaxfem.model import domain_materials
 
     dt, miss = 3e-2, {}

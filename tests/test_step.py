@@ -9,9 +9,9 @@ import pytest
 import scenes
 
 import jaxfem as jf
+from jaxfem.methods.nodes.assembly import assemble_tangent
 from jaxfem.model import nodal_mass
-from jaxfem.routes.assembly import assemble_tangent
-from jaxfem.stepping import inverted_elements
+from jaxfem.stepping.step import inverted_elements
 
 RNG = np.random.default_rng(3)
 FORCE_FREE = (0.0, 0.0, 0.0)
@@ -223,7 +223,7 @@ def test_sixty_four_materials_at_once_equal_single_runs():
 
 
 def test_changing_numbers_compiles_nothing():
-    from jaxfem.stepping import _step
+    from jaxfem.stepping.step import _step
 
     model, params, state = scenes.beam((2, 1, 2))
     jf.step(model, params, state, 1e-2)

@@ -12,11 +12,11 @@ from importlib import metadata
 from typing import Any
 
 import jaxfem
-from jaxfem.bodies.material import MaterialError
 from jaxfem.cli import bench, demo, fit, mesh_info, simulate
 from jaxfem.cli.messages import error, warning
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
+from jaxfem.materials.moduli import MaterialError
 from jaxfem.mesh import MeshError
 
 COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info)

@@ -6,9 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.bodies.shapes import SOLIDS
 from jaxfem.declared.errors import SceneError, checked_number, checked_vector
 from jaxfem.motion import Motion
+from jaxfem.rigid.shapes import SOLIDS
 
 
 @dataclasses.dataclass(frozen=True, eq=False)

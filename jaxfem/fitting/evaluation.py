@@ -44,7 +44,7 @@ class Evaluator:
         """The same fit with `every` steps a saved frame; the history is shared."""
         dt = self.problem.dt * self.plan.every / every
         other = Evaluator(
-            self.problem.replace(dt=dt),  # type: ignore[attr-defined]
+            self.problem.replace(dt=dt),
             dataclasses.replace(self.plan, every=every),
             self.unknowns,
             self.progress,

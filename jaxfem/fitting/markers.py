@@ -7,18 +7,17 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.bodies.elements import shape_gradients
+from jaxfem.elements.tetra import shape_gradients
 from jaxfem.fitting.errors import FitError
 from jaxfem.mesh import TetMesh, locate
 from jaxfem.model import Model
-from jaxfem.pytrees import pytree, static
+from jaxfem.pytrees import Pytree, static
 from jaxfem.rotation import nearest_rotation
 
 Array = jax.Array
 
 
-@pytree
-class Markers:
+class Markers(Pytree):
     """Points carried by elements: `cells` (M, 4) nodes and `weights` (M, 4) of the surface point beneath, `offsets`
     (M, 3) [m] from it at rest, `gradients` (M, 4, 3) [1/m] of the element's shape functions, `names`."""
 

@@ -14,8 +14,8 @@ from jaxfem.fitting.markers import Markers, marker_positions
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.unknowns import physical, with_values
 from jaxfem.model import Model, Params, State
-from jaxfem.pytrees import pytree
-from jaxfem.stepping import rollout
+from jaxfem.pytrees import Pytree
+from jaxfem.stepping.step import rollout
 
 Array = jax.Array
 
@@ -33,8 +33,7 @@ class Plan:
     free_origin: bool = False
 
 
-@pytree
-class Problem:
+class Problem(Pytree):
     """Everything else: scene, markers, samples `measured` (T, M, 3) with `weights` (T, M, 3) that are 0 where missing,
     `origin` (M, 3), `times` (T,) in frames since the start, step `dt`."""
 
@@ -49,8 +48,7 @@ class Problem:
     dt: Array
 
 
-@pytree
-class Outcome:
+class Outcome(Pytree):
     """Side results of an evaluation: `simulated` and `measured` (T, M, 3) in the body's frame, worst `status`."""
 
     simulated: Array

@@ -17,7 +17,7 @@ from jaxfem.fitting.search import Search, find, levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
 from jaxfem.fitting.unknowns import Unknowns, start_values, unknowns, with_values
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping import check_call, typed
+from jaxfem.stepping.step import check_call, typed
 
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 

@@ -73,7 +73,7 @@ def with_values(params: Params, values: Mapping[str, Array]) -> Params:
             mean = jnp.mean(old)
             shares = jnp.where(mean == 0, 1.0, old / jnp.where(mean == 0, 1.0, mean))
             changed[name] = (shares * value).astype(old.dtype)
-    return params.replace(**changed)  # type: ignore[attr-defined]
+    return params.replace(**changed)
 
 
 def start_values(params: Params, names: Sequence[str], spacing: float) -> dict[str, float]:

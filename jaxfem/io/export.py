@@ -15,11 +15,11 @@ import jax
 import meshio
 import numpy as np
 
-from jaxfem.bodies.stress import von_mises_stress
+from jaxfem.declared.scene import SceneError
+from jaxfem.elements.stress import von_mises_stress
 from jaxfem.energies import energies
 from jaxfem.mesh import locate
 from jaxfem.model import Model, Params, State, per_element
-from jaxfem.scene import SceneError
 
 ENERGIES = ("kinetic", "elastic", "gravity")
 SHORT = 500  # frames that an index lists before it is rewritten less often

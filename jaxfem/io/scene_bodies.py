@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
+from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
-from jaxfem.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, read
 from jaxfem.motion import Motion
-from jaxfem.scene import ROTATIONS, STRAINS, Driven, SoftBody
 
 BODY_KEYS = (
     *("name", "mesh", "position", "rotate", "young", "poisson", "density", "damping"),

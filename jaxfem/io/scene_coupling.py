@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from jaxfem.bodies.shapes import Box, Capsule, Cylinder, HeightField, Plane, Sphere, TriangleMesh
 from jaxfem.declared import (
     BallJoint,
     Contact,
@@ -19,11 +18,12 @@ from jaxfem.declared import (
     SliderJoint,
     WeldJoint,
 )
+from jaxfem.declared.scene import SoftBody
 from jaxfem.io.scene_bodies import MOTION_KEYS, read_motion
 from jaxfem.io.selections import select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number
 from jaxfem.mesh import read_surface
-from jaxfem.scene import SoftBody
+from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, Sphere, TriangleMesh
 
 RIGID_KEYS = (
     *("name", "shape", "density", "mass", "position", "orientation", "rotate", "velocity", "angular_velocity"),

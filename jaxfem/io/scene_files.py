@@ -5,12 +5,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jaxfem.building as building
+import jaxfem.building.build as building
+from jaxfem.declared.scene import Scene
 from jaxfem.io.scene_bodies import BODY_KEYS, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
 from jaxfem.model import Model, Params, State
-from jaxfem.scene import Scene
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 

@@ -9,14 +9,13 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree, static
+from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import skew
 
 Array = jax.Array
 
 
-@pytree
-class Configuration:
+class Configuration(Pytree):
     """Positions at the start of a step: nodes (n, 3), rigid centres (b, 3) and rotations (b, 3, 3) body to world."""
 
     nodes: Array
@@ -37,8 +36,7 @@ class Configuration:
         return self.nodes.shape[0] + self.centers.shape[0] + body
 
 
-@pytree
-class Placed:
+class Placed(Pytree):
     """Points in the world: `position` (m, 3), and their velocity as `jacobian` (m, 3, 3 k) on `triples` (m, k)."""
 
     position: Array
@@ -57,8 +55,7 @@ class Point(Protocol):
         """Where they are."""
 
 
-@pytree
-class RigidPoint:
+class RigidPoint(Pytree):
     """Points fixed in rigid bodies: `body` (m,), `local` (m, 3) from the centre of mass in the body's frame."""
 
     body: Any
@@ -75,8 +72,7 @@ class RigidPoint:
         return jnp.einsum("mij,mj->mi", at.rotations[self.body], self.local)
 
 
-@pytree
-class SoftPoint:
+class SoftPoint(Pytree):
     """Points in soft bodies: weighted means of `nodes` (m, k), weights (m, k) of sum 1."""
 
     nodes: Any
@@ -91,8 +87,7 @@ class SoftPoint:
         return Placed(position, self.nodes, spread.reshape(m, 3, 3 * k))
 
 
-@pytree
-class WorldPoint:
+class WorldPoint(Pytree):
     """Points at rest: `place` (m, 3)."""
 
     place: Any
@@ -112,8 +107,7 @@ def moving_with_body(at: Configuration, body: Array, position: Array) -> Placed:
     return Placed(position, triples, jnp.concatenate([identity, -skew(arm)], -1))
 
 
-@pytree
-class RigidFrame:
+class RigidFrame(Pytree):
     """Frames fixed in rigid bodies: `body` (m,), `local` (m, 3, 3) with the axes in columns."""
 
     body: Any
@@ -130,8 +124,7 @@ class RigidFrame:
         return at.angular(self.body)[:, None], identity
 
 
-@pytree
-class WorldFrame:
+class WorldFrame(Pytree):
     """Frames at rest: `local` (m, 3, 3) with the axes in columns."""
 
     local: Any

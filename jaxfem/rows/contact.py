@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree, static
+from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
 from jaxfem.rows.triangles import gap_from, nearest_triangle
@@ -22,16 +22,14 @@ PUSH = 0.2
 """Share of a penetration that a step takes back: all at once would throw bodies that start inside each other."""
 
 
-@pytree
-class ContactValues:
+class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,) and `restitution` (m,)."""
 
     friction: Any
     restitution: Any
 
 
-@pytree
-class Pairs:
+class Pairs(Pytree):
     """m candidates: `gap` (m,) [m], `normal` (m, 3) from b to a, and a's velocity less b's (its position is unused)."""
 
     gap: Array
@@ -54,8 +52,7 @@ class Candidates(Protocol):
         """Where they are."""
 
 
-@pytree
-class ShapeContacts:
+class ShapeContacts(Pytree):
     """Points of bodies against shapes that have a signed distance: rigid bodies' own, or ground.
 
     `points` (m); `radius` (m,) of the ball around each; `shape`: one for all pairs if `shared`, else its leaves lead
@@ -101,8 +98,7 @@ class ShapeContacts:
         return gap, jnp.einsum("mij,mj->mi", turn, normal)
 
 
-@pytree
-class SurfaceContacts:
+class SurfaceContacts(Pytree):
     """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
 
     `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along

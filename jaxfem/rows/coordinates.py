@@ -8,17 +8,16 @@ from typing import Any, ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree, static
+from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
-from jaxfem.rows.joints import Softness, along_axes, spring_rows
+from jaxfem.rows.locks import Softness, along_axes, spring_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
 
 Array = jax.Array
 
 
-@pytree
-class Measured:
+class Measured(Pytree):
     """Values (m,) of a coordinate, and rates as jacobian (m, 1, 3 k) on triples (m, k)."""
 
     value: Array
@@ -33,8 +32,7 @@ class Coordinate(Protocol):
         """Where they are."""
 
 
-@pytree
-class Angle:
+class Angle(Pytree):
     """Angle [rad] of frame `b` about the common third axis, from frame `a`; between -pi and pi."""
 
     a: Frame
@@ -49,8 +47,7 @@ class Angle:
         return Measured(jnp.arctan2(along[:, 1], along[:, 0]), triples, rate[:, None])
 
 
-@pytree
-class Travel:
+class Travel(Pytree):
     """How far [m] point `b` is from point `a` along the third axis of `frame`."""
 
     a: Point
@@ -63,8 +60,7 @@ class Travel:
         return Measured(value[:, 2], triples, jacobian[:, 2:])
 
 
-@pytree
-class Separation:
+class Separation(Pytree):
     """Distance [m] between points `a` and `b`."""
 
     a: Point
@@ -79,8 +75,7 @@ class Separation:
         return Measured(size, gap.triples, jnp.einsum("mi,mik->mk", direction, gap.jacobian)[:, None])
 
 
-@pytree
-class LengthValues:
+class LengthValues(Pytree):
     """`length` (m,) [m] of distance joints and ropes, beside their softness."""
 
     length: Any
@@ -88,8 +83,7 @@ class LengthValues:
     damping: Any
 
 
-@pytree
-class Distance:
+class Distance(Pytree):
     """The coordinate is held at its length; a `rope` only pulls, when it is longer."""
 
     coordinate: Coordinate
@@ -111,8 +105,7 @@ class Distance:
         return rows.replace(lower=jnp.full_like(gap, -jnp.inf), upper=jnp.zeros_like(gap))
 
 
-@pytree
-class LimitValues:
+class LimitValues(Pytree):
     """`low` and `high` (m,) [rad or m], beside the limits' softness."""
 
     low: Any
@@ -121,8 +114,7 @@ class LimitValues:
     damping: Any
 
 
-@pytree
-class Limit:
+class Limit(Pytree):
     """The coordinate stays between its limits: one row for each, pushing only inwards."""
 
     coordinate: Coordinate
@@ -142,8 +134,7 @@ class Limit:
         return rows.replace(lower=jnp.where(on, lower, 0), upper=jnp.where(on, upper, 0))
 
 
-@pytree
-class MotorValues:
+class MotorValues(Pytree):
     """`target` (m,) [rad/s or m/s; rad or m of a position motor], `strength` (m,) [N m or N], at most; softness."""
 
     target: Any
@@ -152,8 +143,7 @@ class MotorValues:
     damping: Any
 
 
-@pytree
-class Motor:
+class Motor(Pytree):
     """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
 
     coordinate: Coordinate

@@ -5,17 +5,16 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxfem.bodies.domains import Domains, domain_force, domain_gradient, domain_strains, row_means
-from jaxfem.bodies.elements import RotationKind
-from jaxfem.pytrees import pytree, static
+from jaxfem.elements.domains import Domains, domain_force, domain_gradient, domain_strains, row_means
+from jaxfem.elements.tetra import RotationKind
+from jaxfem.pytrees import Pytree, static
 from jaxfem.schemes import Stage
 from jaxfem.tensors import EIGENBASIS, Matrix3, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 
 
-@pytree
-class ElasticRows:
+class ElasticRows(Pytree):
     """The r rows a domain of the part of the strain that is taken there, arrays of shape (r, D); never at a bound.
 
     Full: row 0 volumetric, rows 1 to 5 deviatoric. Deviatoric: the last five. Volumetric: the first, on clusters of
@@ -105,4 +104,4 @@ def _rows(
     known = rows.bias
     if stage.ahead is not None and stage.before is not None:
         known = known + rows.apply(stage.ahead) + damping * rows.apply(stage.before)
-    return rows.replace(bias=-known / span)  # type: ignore[attr-defined]
+    return rows.replace(bias=-known / span)

@@ -3,14 +3,13 @@
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree, static
+from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import taken
 
 Array = jax.Array
 
 
-@pytree
-class PointRows:
+class PointRows(Pytree):
     """m blocks of r rows over k triples each; arrays of shape (m, r).
 
     `triples` (m, k): which triples of the unknown (n, 3) a block couples, repeats allowed; `jacobian` (m, r, 3 k):

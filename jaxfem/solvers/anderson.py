@@ -8,7 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 
 Array = jax.Array
@@ -20,8 +20,7 @@ RIDGE = {True: 1e-10, False: 1e-5}
 differences may depend on each other."""
 
 
-@pytree
-class History:
+class History(Pytree):
     """The last iterate x and its g(x) - x, and DEPTH differences of each along a leading axis, the latest first."""
 
     x: Any

@@ -8,11 +8,10 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 
 
-@pytree
-class Box:
+class Box(Pytree):
     """Bounds of an unknown's blocks (the leaves of its pytree): arrays of the block's shape, or None for no bound."""
 
     lower: tuple[Array | None, ...]

@@ -6,14 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
 
 
-@pytree
-class EigenResult:
+class EigenResult(Pytree):
     """`values` (m,) ascending, `vectors` (m, d) with x'Mx = 1, their relative `errors` (m,), and `iterations`."""
 
     values: Array
@@ -22,8 +21,7 @@ class EigenResult:
     iterations: Array
 
 
-@pytree
-class _State:
+class _State(Pytree):
     vectors: Array
     previous: Array
     errors: Array

@@ -11,15 +11,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers.elimination_order import Core, EliminationOrder, Leaves, upper_pairs
 
 Array = jax.Array
 EXACT = jax.lax.Precision.HIGHEST
 
 
-@pytree
-class EliminationFactor:
+class EliminationFactor(Pytree):
     """Inverses (R, s, s, m) and ratios G (R, w, s, s, m) of each class of leaves; of the core the L_k^-1, and X_k."""
 
     inverses: tuple[Array, ...]

@@ -10,7 +10,7 @@ import numpy as np
 import scipy.sparse as sparse
 from scipy.sparse.csgraph import reverse_cuthill_mckee
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 
 WIDTHS = (1, 4, 8)
 """Leaves with so many neighbours at most are eliminated together: one loop a class, padded to its number."""
@@ -21,8 +21,7 @@ LEAST_BLOCK = 16
 """Nodes in a dense block at least, where there are so many: smaller ones would take more steps."""
 
 
-@pytree
-class Leaves:
+class Leaves(Pytree):
     """Rounds of leaves, R with up to m each, padded: indices of blocks in a table.
 
     `nodes` (R, m) and `others` (R, m, w): leaves and their neighbours, N on padding; `beside` (R, m, w): blocks of a
@@ -35,8 +34,7 @@ class Leaves:
     targets: np.ndarray
 
 
-@pytree
-class Core:
+class Core(Pytree):
     """K dense blocks of k nodes. `nodes` (K, k), N on padding; `diagonal` (K, k, k) and `below` (K, k, k): their blocks
     in the table, rows first; only the lower half of the diagonal ones is filled. `below` couples with the next block.
     """
@@ -46,8 +44,7 @@ class Core:
     below: np.ndarray
 
 
-@pytree
-class EliminationOrder:
+class EliminationOrder(Pytree):
     """How to eliminate N nodes with P coupled pairs.
 
     `pairs` (P, 2): the later node, the earlier. Blocks are numbered: N diagonal ones, P of the pairs (rows of the later

@@ -10,7 +10,7 @@ import numpy as np
 from jax import Array
 from jax.extend.core import ClosedJaxpr, jaxpr_as_fun
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers.box import Box, make_box, where_at
 from jaxfem.solvers.mprgp_iteration import mprgp_loop
 from jaxfem.solvers.pcg import default_limit, pcg
@@ -19,8 +19,7 @@ from jaxfem.solvers.status import SolveInfo
 __all__ = ["mprgp", "mprgp_loop"]
 
 
-@pytree
-class _Problem:
+class _Problem(Pytree):
     """All that the solution depends on: A x is operator(x, *operands)."""
 
     operands: tuple[Any, ...]
@@ -28,8 +27,7 @@ class _Problem:
     box: Box
 
 
-@pytree
-class _Hints:
+class _Hints(Pytree):
     """All that only the way to the solution depends on."""
 
     x0: Array | None

@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 from jaxfem.solvers.box import Box, make_box
 from jaxfem.solvers.pcg import default_limit, pcg
@@ -23,8 +23,7 @@ RISES_ALLOWED = 5
 """Projected steps that may raise the objective: taking a few costs less than undoing them (5 % of all products)."""
 
 
-@pytree
-class _Rules:
+class _Rules(Pytree):
     """What steers the loop; values, so that changing them compiles nothing."""
 
     tol: Any
@@ -33,8 +32,7 @@ class _Rules:
     step_scale: Any
 
 
-@pytree
-class _State:
+class _State(Pytree):
     """Loop state. pending: x was projected, g is still the gradient before that, p the displacement by it.
 
     short: that projected step was a short gradient step. rises: projected steps so far that raised the objective.

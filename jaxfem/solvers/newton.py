@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
 
@@ -19,8 +19,7 @@ LAST_STEP = 0.02
 """Share of the way from the start that may be left to go where rounding ends it."""
 
 
-@pytree
-class Evaluation:
+class Evaluation(Pytree):
     """What the method needs at a point x: `energy` of the conservative part, the whole `gradient`, and the dead `load`
     (the part of -gradient that is not in the energy). Residuals are measured by `scale`; below `noise` a gradient may
     be only rounding, and is where the next step is small beside the way made. `aux` is handed on to `tangent`."""
@@ -33,8 +32,7 @@ class Evaluation:
     aux: Any = None
 
 
-@pytree
-class _State:
+class _State(Pytree):
     x: Array
     here: Evaluation
     direction: Array

@@ -7,13 +7,12 @@ import jax
 import jax.numpy as jnp
 from jax import Array
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo, Status
 
 
-@pytree
-class _State:
+class _State(Pytree):
     x: Any
     r: Any
     p: Any

@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 from jaxfem.solvers.anderson import History, accelerated, empty
 from jaxfem.solvers.box import where_at
@@ -46,8 +46,7 @@ class RowOperator(Protocol):
         """J' lam."""
 
 
-@pytree
-class RowTerms:
+class RowTerms(Pytree):
     """What goes with J, an entry a kind of rows: `slack` c - J x at the start, `compliance` C, bounds `lower` and
     `upper` (None: unbounded), `start` impulses, `local` compliance of the rows' own nodes, diag(J D^-1 J') with D the
     quadratic's diagonal blocks, `active`: masks (None: all) outside of which rows are left out."""
@@ -67,7 +66,7 @@ class RowTerms:
 
     def within(self, bounds: "Bounds") -> "RowTerms":
         """The same with other bounds."""
-        return self.replace(lower=bounds[0], upper=bounds[1])  # type: ignore[attr-defined]
+        return self.replace(lower=bounds[0], upper=bounds[1])
 
     def raw(self, slack: Blocks, centre: Blocks, soft: Blocks) -> Blocks:
         """Impulses without bounds, (slack + (soft - C) centre) / soft."""
@@ -96,8 +95,7 @@ class RowTerms:
         return trees.minus(impulses, self.bounded(wished))
 
 
-@pytree
-class _State:
+class _State(Pytree):
     """`centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and violation that the last move
     not taken back started from."""
 
@@ -172,7 +170,7 @@ def minimize_with_rows(
         step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
         change, along = matvec(step), tuple(each.apply(step) for each in rows)
         length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
-        moved = s.replace(  # type: ignore[attr-defined]
+        moved = s.replace(
             step=s.step + length * step,
             gradient=s.gradient + length * change,
             slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
@@ -233,7 +231,7 @@ def _settle(
     centre, history = trees.where(moving, (ahead, history), (s.centre, s.history))
     bounds = s.bounds if follow is None else trees.where(moving, follow(ahead), s.bounds)
     taken = moving & ~worse
-    settled = s.replace(  # type: ignore[attr-defined]
+    settled = s.replace(
         history=history,
         plain=trees.where(taken, impulses, s.plain),
         far=jnp.where(taken, far, s.far),

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from jax import Array
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 
 
 class Status(enum.IntEnum):
@@ -47,8 +47,7 @@ _MESSAGES = {
 }
 
 
-@pytree
-class SolveInfo:
+class SolveInfo(Pytree):
     """How a solve ended; every solver returns one. Under vmap each field has the lanes' leading axis.
 
     status: integer, a `Status`.  iterations: loop trips, each one product with the operator.

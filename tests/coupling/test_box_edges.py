@@ -8,7 +8,7 @@ import pytest
 from scipy.optimize import lsq_linear
 
 import jaxfem as jf
-from jaxfem.routes.coupled import configuration
+from jaxfem.system.coupled import configuration
 
 RNG = np.random.default_rng(3)
 FLAT, STEEP = (1, 0, 0, 0), (np.cos(np.pi / 8), np.sin(np.pi / 8), 0, 0)

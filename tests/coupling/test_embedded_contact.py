@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.coupling.embedded import embedded
+from jaxfem.building.embedded import embedded
 
 NOTHING = (0.0, 0.0, 0.0)
 RADIUS = 0.06

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.bodies.rigid import angular_momentum
+from jaxfem.rigid.dynamics import angular_momentum
 
 NOTHING = (0.0, 0.0, 0.0)
 EXACT = {"tolerance": 1e-12}

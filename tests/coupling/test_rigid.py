@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.bodies.rigid import angular_momentum
+from jaxfem.rigid.dynamics import angular_momentum
 from jaxfem.rotation import quaternion_to_matrix
 
 SIZE = (0.3, 0.2, 0.1)

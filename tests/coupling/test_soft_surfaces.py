@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.routes.coupled import configuration
+from jaxfem.system.coupled import configuration
 
 SIDE = 0.1
 

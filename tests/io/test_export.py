@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.bodies.stress import von_mises_stress
+from jaxfem.elements.stress import von_mises_stress
 from jaxfem.io import FrameWriter, export, read_frames
 from jaxfem.io.export import read_frame
 

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.bodies.material import MaterialError
 from jaxfem.io import SceneFileError, beam_scene, load_scene
+from jaxfem.materials.moduli import MaterialError
 
 BODY = """
 [[body]]

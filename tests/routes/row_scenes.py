@@ -4,9 +4,9 @@ import jax.numpy as jnp
 import numpy as np
 import scenes
 
-from jaxfem.routes.condensed import coarse_of
-from jaxfem.routes.system import step_system
+from jaxfem.methods.nodes.condensed import coarse_of
 from jaxfem.rows.points import PointRows
+from jaxfem.system.soft import step_system
 
 DT = 1 / 60
 

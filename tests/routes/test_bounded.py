@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from row_scenes import free_beam, random_scene, system_of
 
-from jaxfem.routes.solution import solve_system
+from jaxfem.methods.solution import solve_system
 
 SEEDS = range(20)
 TOLERANCE = {jnp.float64: 1e-9, jnp.float32: 1e-5}

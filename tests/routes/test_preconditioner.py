@@ -7,9 +7,9 @@ import scenes
 
 import jaxfem as jf
 from jaxfem.mesh.groups import bisected, body_groups
-from jaxfem.routes.condensed import coarse_of, condensed_matrix, group_modes, solve_linear
-from jaxfem.routes.preconditioner import coarse_inverse, two_level
-from jaxfem.routes.system import step_system
+from jaxfem.methods.nodes.condensed import coarse_of, condensed_matrix, group_modes, solve_linear
+from jaxfem.methods.nodes.preconditioner import coarse_inverse, two_level
+from jaxfem.system.soft import step_system
 
 RNG = np.random.default_rng(6)
 

@@ -6,8 +6,8 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxfem as jf
-from jaxfem.routes.row_coarse import coarse_space
-from jaxfem.routes.row_stiffness import RowStiffness
+from jaxfem.methods.nodes.row_coarse import coarse_space
+from jaxfem.methods.nodes.row_stiffness import RowStiffness
 from jaxfem.rows.points import PointRows
 
 RNG = np.random.default_rng(8)

@@ -6,13 +6,13 @@ import numpy as np
 import pytest
 import scenes
 
-from jaxfem.bodies.domains import bulk_shares, domain_strain
+from jaxfem.elements.domains import bulk_shares, domain_strain
 from jaxfem.energies import total_elastic_energy
+from jaxfem.methods.nodes.assembly import assemble_tangent
+from jaxfem.methods.nodes.condensed import condensed_matrix
+from jaxfem.methods.nodes.preconditioner import inverse_blocks
 from jaxfem.model import elementwise, nodal_mass
-from jaxfem.routes.assembly import assemble_tangent
-from jaxfem.routes.condensed import condensed_matrix
-from jaxfem.routes.preconditioner import inverse_blocks
-from jaxfem.routes.system import momentum_gradient, step_system
+from jaxfem.system.soft import momentum_gradient, step_system
 from jaxfem.tensors import array_of
 
 RNG = np.random.default_rng(2)

@@ -5,13 +5,13 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from jaxfem.bodies.rigid import turned
-from jaxfem.bodies.shapes import Box, Sphere
+from jaxfem.rigid.dynamics import turned
+from jaxfem.rigid.shapes import Box, Sphere
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration, RigidFrame, RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.contact import ShapeContacts, tangents
 from jaxfem.rows.coordinates import Angle, Separation, Travel
-from jaxfem.rows.joints import AxisLock, FrameLock, LineLock, PointLock, Softness, tension_stiffness
+from jaxfem.rows.locks import AxisLock, FrameLock, LineLock, PointLock, Softness, tension_stiffness
 from jaxfem.schemes import backward_euler_stage
 
 RNG = np.random.default_rng(5)

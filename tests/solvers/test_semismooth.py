@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from box_problems import spd
 
-from jaxfem.pytrees import pytree
+from jaxfem.pytrees import Pytree
 from jaxfem.solvers import Status
 from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
 
@@ -14,8 +14,7 @@ RNG = np.random.default_rng(12)
 N, M = 40, 25
 
 
-@pytree
-class Dense:
+class Dense(Pytree):
     matrix: jax.Array
 
     def apply(self, velocities):

@@ -1,0 +1,293 @@
+"""build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
+
+import warnings
+from collections import Counter
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.building.coupled import with_coupling
+from jaxfem.building.pattern import solver_order, sparsity
+from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
+from jaxfem.declared.scene import Scene, SceneError, SoftBody
+from jaxfem.elements.domains import Domains
+from jaxfem.elements.mass import MASSES
+from jaxfem.elements.smoothing import STRAINS, build_domains
+from jaxfem.elements.tetra import Elements, shape_gradients
+from jaxfem.loads import FacePressure, WeightedForce
+from jaxfem.mesh import locate
+from jaxfem.mesh.groups import body_groups
+from jaxfem.model import Model, Params, State
+from jaxfem.motion import Motion
+from jaxfem.schemes import SCHEMES
+
+ROTATIONS = ("explicit", "implicit")
+SOLVERS = ("auto", "condensed", "direct", "mprgp", "pgs")
+
+# Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
+# matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
+GROUP_NODES = 12
+MOST_GROUPS = 96
+
+
+class AccuracyWarning(UserWarning):
+    """The scene will run, but its discretisation is known to be biased there."""
+
+
+def build(
+    scene: Scene,
+    *,
+    solver: str = "auto",
+    scheme: str = "backward_euler",
+    rho_inf: float = 0.8,
+    mass: str = "lumped",
+    rotations: str = "explicit",
+    dtype: Any = None,
+    tolerance: float | None = None,
+    max_iterations: int = 20_000,
+) -> tuple[Model, Params, State]:
+    """Turn a scene into the model, params and initial state that `step` takes.
+
+    `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
+    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first where there are soft bodies, the second for rigid bodies
+    alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
+    "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
+    `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs the
+    first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass. `rotations` of
+    the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces: one
+    linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
+    far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
+    1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
+    (AccuracyWarning) of known bias.
+    """
+    if not isinstance(scene, Scene):
+        raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
+    _check_choice("solver", solver, SOLVERS)
+    _check_choice("scheme", scheme, SCHEMES)
+    _check_choice("mass", mass, MASSES)
+    _check_choice("rotations", rotations, ROTATIONS)
+    if mass != "lumped" and solver == "mprgp":
+        raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
+    if not (isinstance(rho_inf, int | float) and 0 <= rho_inf <= 1):
+        raise SceneError(f"rho_inf is {rho_inf!r}; it is the share of the highest frequencies left by a step, 0 to 1")
+    dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
+    _check_numbers(dtype, tolerance, max_iterations)
+    every = _names(scene.bodies)
+    bodies, names = scene.soft, [n for n, b in zip(every, scene.bodies, strict=True) if isinstance(b, SoftBody)]
+    for body, name in zip(bodies, names, strict=True):
+        _check_body(body, name)
+    _check_same(bodies, "rotation")
+    offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations)
+    params = _params(scene, bodies, dtype)
+    starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
+    velocities = np.concatenate([np.zeros((0, 3)), *starts])
+    impulses = _no_impulses(model) if model.solver == "mprgp" else None
+    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
+    return with_coupling(scene, every, model, params, state, choose=solver == "auto")
+
+
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations) -> Model:
+    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
+    cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
+    gradients, volumes = shape_gradients(points, cells)
+    nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
+    driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
+    held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
+    _check_disjoint(driven)
+    free = np.ones(len(points))
+    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
+    body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
+    elements = Elements(
+        jnp.asarray(cells, jnp.int32),
+        jnp.asarray(gradients.transpose(1, 2, 0), dtype),
+        jnp.asarray(volumes, dtype),
+        jnp.asarray(body_of_element, jnp.int32),
+    )
+    if tolerance is None:
+        tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
+    most = max(MOST_GROUPS, round(1.5 * len(points) ** 0.5))
+    groups = body_groups(points, node_body, GROUP_NODES, most) if bodies else []
+    place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
+    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
+    return Model(
+        rest=jnp.asarray(points, dtype),
+        elements=elements,
+        domains=domains,
+        nodal_volumes=jnp.asarray(nodal_volumes, dtype),
+        node_body=jnp.asarray(node_body, jnp.int32),
+        free=jnp.asarray(free, dtype),
+        pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
+        loads=tuple(
+            _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
+        ),
+        driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
+        tolerance=jnp.asarray(tolerance, dtype),
+        max_iterations=jnp.asarray(max_iterations, jnp.int32),
+        rho_inf=jnp.asarray(rho_inf, dtype),
+        solver="condensed" if solver == "auto" else solver,
+        scheme=scheme,
+        rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
+        mass=mass,
+        rotations=rotations,
+        bodies=tuple(names),
+    )
+
+
+def _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype) -> tuple[Domains, ...]:
+    """Where strain is taken: for each kind of domains that a body asks for, those of all bodies that do."""
+    kinds = list(dict.fromkeys(domain for body in bodies for domain in STRAINS[body.strain]))
+    made = []
+    for kind, part in kinds:
+        users = [number for number, body in enumerate(bodies) if (kind, part) in STRAINS[body.strain]]
+        chosen = np.flatnonzero(np.isin(body_of_element, users))
+        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, points, dtype))
+    return tuple(made)
+
+
+def _no_impulses(model: Model) -> tuple[jax.Array, ...]:
+    """The row solver's start: a zero for each elastic row."""
+    return tuple(
+        jnp.zeros((each.rows.stop - each.rows.start, len(each.row_volumes)), each.gradients.dtype)
+        for each in model.domains
+    )
+
+
+def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
+    def cast(motion: Motion) -> Motion:
+        return jax.tree.map(
+            lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
+        )
+
+    values: dict[str, Any] = {
+        name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")
+    }
+    return Params(
+        **values,
+        gravity=jnp.asarray(scene.gravity, dtype),
+        loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
+        motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
+    )
+
+
+def _material(bodies: Sequence[SoftBody], name: str, dtype: Any) -> jax.Array:
+    """A scalar for one body, one number a body, or one an element where any body asks for that."""
+    values = [np.asarray(getattr(b, name), float) for b in bodies]
+    if not values:
+        return jnp.zeros(0, dtype)
+    if any(v.ndim for v in values):
+        spread = [np.broadcast_to(v, len(b.mesh.cells)) for v, b in zip(values, bodies, strict=True)]
+        return jnp.asarray(np.concatenate(spread), dtype)
+    return jnp.asarray(values[0] if len(values) == 1 else np.stack(values), dtype)
+
+
+def _resolved(load: Load, body: SoftBody, offset: int, dtype: Any) -> WeightedForce | FacePressure:
+    """Node indices and weights of a declared load."""
+    mesh = body.mesh
+    if isinstance(load, NodalForce):
+        nodes = body.nodes_of("load", load.nodes)
+        _check_value(body, load.force, ((3,), (len(nodes), 3)), "force of a NodalForce")
+        return _weighted(nodes + offset, np.ones(len(nodes)), dtype)
+    if isinstance(load, PointForce):
+        _check_value(body, load.point, ((3,),), "point of a PointForce")
+        _check_value(body, load.force, ((3,),), "force of a PointForce")
+        cell, weights, distance = locate(mesh.points, mesh.cells, np.asarray(load.point, float)[None])
+        if distance[0] > 1e-6 * np.ptp(mesh.points, axis=0).max():
+            raise SceneError(
+                f'a PointForce of "{body.label}" acts at {tuple(load.point)}, {distance[0]:.3g} m outside the body'
+            )
+        return _weighted(mesh.cells[cell[0]] + offset, weights[0], dtype)
+    faces = mesh.faces(load.faces) if isinstance(load.faces, str) else _checked_faces(body, load.faces)
+    if isinstance(load, Pressure):
+        _check_value(body, load.pressure, ((),), "pressure of a Pressure")
+        return FacePressure(jnp.asarray(faces + offset, jnp.int32))
+    _check_value(body, load.traction, ((3,),), "traction of a Traction")
+    a, b, c = (mesh.points[faces[:, i]] for i in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return _weighted(faces.ravel() + offset, np.repeat(area / 3, 3), dtype)
+
+
+def _weighted(nodes: np.ndarray, weights: np.ndarray, dtype: Any) -> WeightedForce:
+    return WeightedForce(jnp.asarray(nodes, jnp.int32), jnp.asarray(weights, dtype))
+
+
+def _load_value(load: Load) -> Any:
+    if isinstance(load, Traction):
+        return load.traction
+    return load.pressure if isinstance(load, Pressure) else load.force
+
+
+def _checked_faces(body: SoftBody, faces: Any) -> np.ndarray:
+    array = np.asarray(faces)
+    known = {tuple(sorted(f)) for f in body.mesh.surface.tolist()}
+    if array.ndim != 2 or array.shape[1] != 3 or not all(tuple(sorted(f)) in known for f in array.tolist()):
+        raise SceneError(
+            f'faces of a load on "{body.label}" must be triangles (k, 3) of its surface; see mesh.surface, or name one '
+            f"of its face groups: {', '.join(body.mesh.face_groups) or 'none'}"
+        )
+    return array
+
+
+def _check_value(body: SoftBody, value: Any, shapes: tuple, what: str) -> None:
+    array = np.asarray(value, dtype=float)
+    if array.shape not in shapes or not np.isfinite(array).all():
+        raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')
+
+
+def _check_body(body: SoftBody, name: str) -> None:
+    size = np.ptp(body.mesh.points, axis=0).max()
+    if not 1e-6 < size < 1e5:
+        raise SceneError(
+            f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
+        )
+    poisson = np.max(body.poisson)
+    if body.strain == "element" and poisson > 0.45:
+        warnings.warn(
+            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
+            "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
+            AccuracyWarning,
+            stacklevel=3,
+        )
+
+
+def _check_same(bodies: Sequence[SoftBody], what: str) -> None:
+    if len({getattr(b, what) for b in bodies}) > 1:
+        raise SceneError(f"bodies of one scene must share `{what}`; got {[getattr(b, what) for b in bodies]}")
+
+
+def _check_disjoint(driven: Sequence[np.ndarray]) -> None:
+    together = np.concatenate([np.zeros(0, int), *driven])
+    unique, counts = np.unique(together, return_counts=True)
+    if (counts > 1).any():
+        raise SceneError(f"node {unique[counts > 1][0]} follows two prescribed motions; give each node at most one")
+
+
+def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
+    if value not in known:
+        raise SceneError(f"{what} is {value!r}; known: {', '.join(known)}")
+
+
+def _check_numbers(dtype: Any, tolerance: float | None, max_iterations: int) -> None:
+    if dtype not in (jnp.float32, jnp.float64):
+        raise SceneError(f"dtype is {dtype}; use float32 or float64")
+    if dtype == jnp.float64 and not jax.config.jax_enable_x64:  # type: ignore[attr-defined]
+        raise SceneError("float64 needs jax.config.update('jax_enable_x64', True) before the first JAX call")
+    if tolerance is not None and not 0 < tolerance < 1:
+        raise SceneError(f"tolerance is {tolerance}; it is a relative residual between 0 and 1, like 1e-6")
+    if max_iterations < 1:
+        raise SceneError(f"max_iterations is {max_iterations}; give at least 1")
+
+
+def _names(bodies: Sequence[Any]) -> list[str]:
+    """Labels made unique by numbering repeated ones."""
+    counts, seen = Counter(b.label for b in bodies), Counter[str]()
+    names = []
+    for body in bodies:
+        seen[body.label] += 1
+        names.append(body.label if counts[body.label] == 1 else f"{body.label}_{seen[body.label]}")
+    return names

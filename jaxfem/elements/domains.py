@@ -1,0 +1,196 @@
+"""Smoothing domains: the pieces of a body on which one strain is taken. An element is the plainest of them.
+
+The mean deformation gradient over the elements around a node or an edge, weighted by their shares of volume, has one
+rotation and one strain; so a domain is a tetrahedron with more corners, and every kernel that serves one serves both.
+Smoothing over nodes: Bonet & Burton 1998; over edges, and both at once: Nguyen-Thoi, Liu, Lam & Zhang 2009.
+"""
+
+from collections.abc import Sequence
+from typing import Literal
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.elements.tetra import RotationKind, rotated_strain, rotation_of
+from jaxfem.materials.moduli import eigenstiffness
+from jaxfem.pytrees import Pytree, static
+from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
+
+Array = jax.Array
+Part = Literal["full", "deviatoric", "volumetric", "local_volumetric", "shared_volumetric"]
+
+# Above this many shear moduli, the bulk modulus acts on clusters of nodes instead of on each node: see `bulk_shares`.
+LOCAL_BULK = 8.0
+
+
+class Clusters(Pytree):
+    """Domains taken together, for rows on their mean strain: arrays over D domains, C clusters, Q pairs that touch.
+
+    `owner` (D,): cluster of each domain; `shares` (D,): its share of the cluster's volume; `volumes` (C,) [m^3].
+    `slots` (D, m): number of each domain's nodes among the pairs of a cluster and a node of it; Q on padding.
+    `slot_cluster` (Q,) and `slot_node` (Q,): those pairs.
+    """
+
+    owner: Array
+    shares: Array
+    volumes: Array
+    slots: Array
+    slot_cluster: Array
+    slot_node: Array
+
+    @property
+    def count(self) -> int:
+        """Number of clusters."""
+        return self.volumes.shape[0]
+
+    def mean(self, values: Array) -> Array:
+        """Mean of a domain-wise value (D,) over each cluster, (C,)."""
+        return jnp.zeros(self.count, values.dtype).at[self.owner].add(self.shares * values)
+
+    def spread(self, values: Array) -> Array:
+        """The transpose of `mean`: (C,) -> (D,)."""
+        return self.shares * values[self.owner]
+
+
+class Domains(Pytree):
+    """Domains of one kind, and the part of the strain that is taken on them; arrays over D domains of up to m nodes.
+
+    Domains of more nodes come first. `cells` (D, m), in the solver's order of nodes, padded by repeating the first;
+    `gradients` (m, 3, D) [1/m]: of the mean deformation gradient in the nodes' places, 0 on padding; `volumes` (D,)
+    [m^3]; `body` (D,). `members` (D, k) and `shares` (D, k): elements averaged over and their shares of the volume;
+    None where domain d is element d. `clusters`: with them the rows are on the clusters' mean strains.
+    """
+
+    cells: Array
+    gradients: Array
+    volumes: Array
+    body: Array
+    members: Array | None
+    shares: Array | None
+    part: Part = static()
+    clusters: Clusters | None = None
+
+    @property
+    def count(self) -> int:
+        """Number of domains."""
+        return self.cells.shape[0]
+
+    @property
+    def rows(self) -> slice:
+        """Which of the six coefficients in the eigenbasis belong to this part."""
+        return {"full": slice(0, 6), "deviatoric": slice(1, 6)}.get(self.part, slice(0, 1))
+
+    @property
+    def volumetric(self) -> bool:
+        """Whether only the volumetric strain is taken."""
+        return self.part.endswith("volumetric")
+
+    @property
+    def row_volumes(self) -> Array:
+        """Volume that each set of rows stands for: (D,), or (C,) with clusters [m^3]."""
+        return self.volumes if self.clusters is None else self.clusters.volumes
+
+    @property
+    def row_nodes(self) -> Array:
+        """A node of the body that each set of rows belongs to: (D,), or (C,) with clusters."""
+        if self.clusters is None:
+            return self.cells[:, 0]
+        return jnp.zeros(self.clusters.count, jnp.int32).at[self.clusters.slot_cluster].set(self.clusters.slot_node)
+
+
+def domain_gradient(domains: Domains, field: Array) -> Matrix3:
+    """Mean gradient of a nodal field (n, 3) over each domain, as components (D,).
+
+    From differences to the first node: rigid motion cancels before it is multiplied, and float32 depends on that.
+    """
+    if domains.cells.shape[1] > 4:
+        corners = field[domains.cells]
+        differences = corners - corners[:, :1]
+        exact = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer digits
+        return matrix_of(jnp.einsum("dai,ajd->ijd", differences, domains.gradients, precision=exact))
+    # Written out: twice as fast on a CPU for tetrahedra, but long programs to compile for larger domains.
+    along, g = field.T, domains.gradients
+    first, *others = ([along[i][cells] for i in range(3)] for cells in domains.cells.T)
+    difference = [[x - x0 for x, x0 in zip(corner, first, strict=True)] for corner in others]
+    return [
+        [difference[0][i] * g[1, j] + difference[1][i] * g[2, j] + difference[2][i] * g[3, j] for j in range(3)]
+        for i in range(3)
+    ]
+
+
+def domain_strain(
+    domains: Domains, positions: Array, kind: RotationKind = "polar"
+) -> tuple[list[Array], Matrix3, Matrix3]:
+    """Coefficients of the part's strain, (D,) or (C,), with rotation and deformation gradient of each domain, (D,)."""
+    deformation = domain_gradient(domains, positions)
+    rotation = rotation_of(deformation, kind)
+    return row_means(domains, rotated_strain(deformation, rotation)[domains.rows]), rotation, deformation
+
+
+def domain_strains(
+    kinds: Sequence[Domains], positions: Array, kind: RotationKind = "polar"
+) -> list[tuple[list[Array], Matrix3, Matrix3]]:
+    """`domain_strain` of each kind of domains; clusters follow the domains that they are made of, and use theirs."""
+    found: list[tuple[list[Array], Matrix3, Matrix3]] = []
+    for each in kinds:
+        if each.clusters is None:
+            found.append(domain_strain(each, positions, kind))
+        else:
+            strain, rotation, deformation = found[-1]
+            found.append((row_means(each, strain), rotation, deformation))
+    return found
+
+
+def row_means(domains: Domains, coefficients: Sequence[Array]) -> list[Array]:
+    """Coefficients of the domains (D,) as those of the rows: means over clusters where there are some."""
+    return [c if domains.clusters is None else domains.clusters.mean(c) for c in coefficients]
+
+
+def domain_force(domains: Domains, rotation: Matrix3, stress: Sequence[Array], nodes: int) -> Array:
+    """Nodal sums (nodes, 3) of R S grad N_a, S the symmetric matrix of the rows' coefficients `stress`."""
+    if domains.clusters is not None:
+        stress = [domains.clusters.spread(s) for s in stress]
+    zero = jnp.zeros_like(stress[0])
+    coefficients = [zero] * domains.rows.start + list(stress) + [zero] * (6 - domains.rows.stop)
+    turned = array_of(product(rotation, from_eigenbasis(coefficients)))
+    g = domains.gradients
+    others = sum((turned[None, :, j] * g[1:, None, j] for j in (1, 2)), start=turned[None, :, 0] * g[1:, None, 0])
+    # The first node takes the reaction, so that forces sum to zero to the last digit.
+    forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
+    return jnp.zeros((nodes, 3), forces.dtype).at[domains.cells].add(forces)
+
+
+def domain_stiffness(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
+    """Volumetric and deviatoric stiffness (3K, 2 mu) of each set of rows, () or (D,) or (C,) [Pa]."""
+    volumetric, deviatoric = eigenstiffness(young, poisson)
+    local, shared = bulk_shares(volumetric, deviatoric)
+    volumetric = {"local_volumetric": local, "shared_volumetric": shared}.get(domains.part, volumetric)
+    return domain_mean(domains, volumetric), domain_mean(domains, deviatoric)
+
+
+def bulk_shares(volumetric: Array, deviatoric: Array) -> tuple[Array, Array]:
+    """The parts of 3K that act on each node and on clusters of nodes; they add up to it.
+
+    With q = K / (8 mu) the local part is 3K / sqrt(1 + q^2): nearly all of it up to nu = 0.4, and never more than 24
+    mu. One stiff constraint a node is more than linear displacements can follow (they lock), and what makes the matrix
+    ill-conditioned; one a cluster of about eight is not. Cf. the pressure projection of Dohrmann & Bochev 2004.
+    """
+    ratio = 2 * volumetric / (3 * deviatoric * LOCAL_BULK)
+    root = jnp.sqrt(1 + ratio**2)
+    return volumetric / root, volumetric * ratio**2 / (root * (root + 1))
+
+
+def domain_damping(domains: Domains, young: Array, poisson: Array, damping: Array) -> Array:
+    """Damping time beta of each set of rows, () or (D,) or (C,) [s]: mean weighted by the part's stiffness."""
+    if domains.members is None or jnp.ndim(damping) == 0:
+        return damping
+    weight = eigenstiffness(young, poisson)[0 if domains.volumetric else 1]
+    return domain_mean(domains, weight * damping) / domain_mean(domains, weight)
+
+
+def domain_mean(domains: Domains, value: Array) -> Array:
+    """Mean of an elementwise value () or (E,) over what each set of rows stands for: () or (D,) or (C,)."""
+    if domains.members is None or domains.shares is None or jnp.ndim(value) == 0:
+        return value
+    mean = jnp.sum(value[domains.members] * domains.shares, axis=1)
+    return mean if domains.clusters is None else domains.clusters.mean(mean)

@@ -1,0 +1,40 @@
+"""Resolved loads: what enters the compiled step. Each turns its value (a leaf of `params.loads`) into nodal forces."""
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import Pytree
+
+Array = jax.Array
+
+
+class WeightedForce(Pytree):
+    """Force on `nodes` (k,): `weights` (k,) times the value, (3,) or (k, 3). Dead: does not turn with the body."""
+
+    nodes: Array
+    weights: Array
+
+    def force(self, value: Array, positions: Array) -> Array:
+        """Nodal forces (n, 3) [N]."""
+        return jnp.zeros_like(positions).at[self.nodes].add(self.weights[:, None] * value)
+
+
+class FacePressure(Pytree):
+    """Pressure against the outward normal of the deformed `faces` (k, 3), shared equally by their corners."""
+
+    faces: Array
+
+    def force(self, value: Array, positions: Array) -> Array:
+        """Nodal forces (n, 3) [N]: -p (area vector) / 3 on each corner."""
+        a, b, c = (positions[self.faces[:, i]] for i in range(3))
+        area = 0.5 * jnp.cross(b - a, c - a)
+        corner = jnp.broadcast_to((-value / 3 * area)[:, None], (*self.faces.shape, 3))
+        return jnp.zeros_like(positions).at[self.faces].add(corner)
+
+
+def load_force(loads: tuple, values: tuple, positions: Array) -> Array:
+    """Sum of all resolved loads on the nodes, (n, 3) [N]."""
+    total = jnp.zeros_like(positions)
+    for load, value in zip(loads, values, strict=True):
+        total = total + load.force(value, positions)
+    return total

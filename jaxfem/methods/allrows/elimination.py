@@ -1,0 +1,206 @@
+"""The impulses of all rows by elimination: an active set, and on the rows in play a factorised matrix.
+
+The rows found at a bound are held there, the others solved for exactly; then rows outside their bounds are put on them,
+and those that are held against their will let go (primal-dual active set: Hintermueller, Ito & Kunisch 2002). That ends
+after a few rounds, but not for certain. Where it has not, MPRGP goes on from there.
+
+Velocities are carried along, v = v* + M^-1 J' lam: a residual c - J v - C lam measured on *them* knows no rounding of
+large impulses that cancel, only that of the last corrections. Single precision reaches 1e-5 so, where tension is great.
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.methods.allrows.factor import row_preconditioner
+from jaxfem.pytrees import Pytree
+from jaxfem.solvers import trees
+from jaxfem.solvers.box import make_box
+from jaxfem.solvers.mprgp import mprgp_loop
+from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.coupled import apply_inverse_mass, apply_mass, inverse_mass
+from jaxfem.system.soft import System
+
+Array = jax.Array
+Impulses = tuple[Array, ...]
+
+ROUNDS = 20
+REFINEMENTS = 30
+SLACK = 0.1  # of the tolerance: how far a row may be out of its bounds, or pull on them, without a change of sides
+ROUNDING = 4.0  # times the precision times the size of the velocities: a residual with nothing but rounding in it
+
+
+class _Found(Pytree):
+    """Impulses, the velocities that they give, and the residual c - J v - C lam of all rows."""
+
+    impulses: Impulses
+    velocities: Array
+    residual: Impulses
+
+
+class _Round(Pytree):
+    found: _Found
+    sides: Impulses
+    size: Array
+    changed: Array
+    rounds: Array
+    products: Array
+
+
+def search_by_elimination(
+    system: System, guess: Impulses, operator: Any, right: Impulses, diagonal: Impulses, bounds: tuple
+) -> tuple[Impulses, Array, SolveInfo]:
+    """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A."""
+    root = jax.tree.map(jnp.sqrt, diagonal)
+    scale = trees.norm(jax.tree.map(jnp.divide, right, root))
+    # What a step cannot do better than: the rounding of velocities as large as those in it.
+    energy = jnp.sum(system.target * apply_mass(system, system.target))
+    floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
+    wanted = jnp.maximum(system.tolerance * scale, floor)
+    slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
+    inverse = inverse_mass(system)
+    bounded = any(low is not None for low in bounds[0])
+
+    def at(impulses: Impulses) -> _Found:
+        return _measured(system, impulses, system.target + apply_inverse_mass(inverse, pushed(system, impulses)))
+
+    def trip(last: _Round) -> _Round:
+        start = _held(last.found.impulses, last.sides, bounds)
+        limit = jnp.minimum(REFINEMENTS, system.max_iterations) if bounded else system.max_iterations
+        found, size, products = _refined(system, at(start), last.sides, diagonal, wanted, limit)
+        sides = _judged(found, diagonal, last.sides, slack, bounds)
+        pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
+        changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
+        changed = changed & bounded
+        return _Round(found, sides, size, changed, last.rounds + 1, last.products + products + 1)
+
+    zero = jnp.int32(0)
+    nothing = _Found(guess, system.target, right)
+    first = _Round(nothing, sides_of(guess, bounds), scale, jnp.bool_(True), zero, zero)
+    end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first) if bounded else trip(first)
+    impulses = _clipped(end.found.impulses, bounds)
+    change = trees.minus(impulses, end.found.impulses)
+    velocities = end.found.velocities + apply_inverse_mass(inverse, pushed(system, change))
+    relative = end.size / jnp.where(scale > 0, scale, 1)
+    info = SolveInfo(_status(end, wanted), end.products, relative, _weak(end, impulses, root, bounds, wanted))
+    if not bounded:
+        return impulses, velocities, info
+
+    def go_on() -> tuple[Impulses, Array, SolveInfo]:
+        further, after = mprgp_loop(
+            operator,
+            right,
+            *bounds,
+            x0=jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses),
+            diagonal=diagonal,
+            tol=wanted / jnp.where(scale > 0, scale, 1),
+            max_iterations=jnp.where(info.status == 0, 0, system.max_iterations),
+        )
+        return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
+
+    return jax.lax.cond(info.status == 0, lambda: (impulses, velocities, info), go_on)
+
+
+def _status(end: _Round, wanted: Array) -> Array:
+    good = jnp.where((end.size <= wanted) & ~end.changed, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    return jnp.where(jnp.isfinite(end.size), good, int(Status.NOT_FINITE)).astype(jnp.int32)
+
+
+def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: tuple, wanted: Array) -> Array:
+    """Rows at a bound with no force against it, in scaled variables."""
+    box = make_box(impulses, *bounds).divided(jax.tree.map(lambda r: 1 / r, root))
+    gradient = jax.tree.map(jnp.divide, end.found.residual, root)
+    return box.weak(trees.times(root, impulses), gradient, 10 * wanted)
+
+
+def sides_of(found: Impulses, bounds: tuple) -> Impulses:
+    """The side of its bounds that each impulse is at or beyond: -1, 1; 0 between, and without bounds."""
+
+    def side(lam: Array, low: Any, up: Any) -> Array:
+        return jnp.zeros_like(lam) if low is None else _side(lam, low, up, 0.0)
+
+    return tuple(side(*each) for each in zip(found, *bounds, strict=True))
+
+
+def pushed(system: System, impulses: Impulses) -> Array:
+    """J' lam of all rows, (n, 3)."""
+    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
+    return sum(parts, start=jnp.zeros_like(system.target))
+
+
+def _measured(system: System, impulses: Impulses, velocities: Array) -> _Found:
+    pairs = zip(system.rows, impulses, strict=True)
+    residual = tuple(rows.bias - rows.apply(velocities) - rows.compliance * lam for rows, lam in pairs)
+    return _Found(impulses, velocities, residual)
+
+
+def _refined(
+    system: System, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array, limit: Array
+) -> tuple[_Found, Array, Array]:
+    """A lam = b on the rows between their bounds: what is found, the residual's size there, and how many products.
+
+    Conjugate gradients with residuals measured anew and the directions' own product (Golub & Ye 1999), preconditioned
+    by the factor: one trip where that is exact.
+    """
+    free = jax.tree.map(lambda side: (side == 0).astype(side.dtype), sides)
+    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
+    precondition, inverse = row_preconditioner(system, diagonal, free), inverse_mass(system)
+
+    def running(carry: Any) -> Array:
+        _, residual, _, _, trips = carry
+        return (trees.norm(residual) > wanted) & (trips < limit)
+
+    def trip(carry: Any) -> Any:
+        found, residual, before, direction, trips = carry
+        z = precondition(residual)
+        old, new = trees.dot(before, direction), trees.dot(trees.minus(residual, before), z)
+        beta = jnp.where((trips > 0) & (old > 0), jnp.maximum(new, 0) / jnp.where(old > 0, old, 1), 0)
+        direction = trees.plus(z, beta, direction)
+        change = trees.times(scale, direction)
+        push = pushed(system, change)
+        moved = apply_inverse_mass(inverse, push)
+        soft = sum(jnp.sum(rows.compliance * lam**2) for rows, lam in zip(system.rows, change, strict=True))
+        curvature = jnp.sum(push * moved) + soft
+        alpha = jnp.where(curvature > 0, trees.dot(residual, direction) / jnp.where(curvature > 0, curvature, 1), 0)
+        here = _measured(system, trees.plus(found.impulses, alpha, change), found.velocities + alpha * moved)
+        return here, trees.times(scale, here.residual), residual, direction, trips + 1
+
+    first = trees.times(scale, found.residual)
+    found, residual, _, _, trips = jax.lax.while_loop(
+        running, trip, (found, first, first, trees.zeros(first), jnp.int32(0))
+    )
+    return found, trees.norm(residual), trips
+
+
+def _held(impulses: Impulses, sides: Impulses, bounds: tuple) -> Impulses:
+    """Impulses with those at a bound put on it."""
+
+    def value(lam: Array, side: Array, low: Any, up: Any) -> Array:
+        return lam if low is None else jnp.where(side < 0, low, jnp.where(side > 0, up, lam))
+
+    return tuple(value(*each) for each in zip(impulses, sides, *bounds, strict=True))
+
+
+def _clipped(impulses: Impulses, bounds: tuple) -> Impulses:
+    return tuple(lam if low is None else jnp.clip(lam, low, up) for lam, low, up in zip(impulses, *bounds, strict=True))
+
+
+def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
+    outside = jnp.where(lam <= low - slack, -1, jnp.where(lam >= up + slack, 1, 0))
+    return jnp.where(low >= up, -1, outside).astype(lam.dtype)
+
+
+def _judged(found: _Found, diagonal: Impulses, sides: Impulses, slack: Impulses, bounds: tuple) -> Impulses:
+    """Sides for the next round: where the impulse found, or a step along the residual of the rows held, leads outside.
+
+    A held row stays unless its residual points inwards by more than the slack.
+    """
+
+    def one(lam, residual, d, side, s, low, up):
+        if low is None:
+            return side
+        return jnp.where(side == 0, _side(lam, low, up, s), _side(lam + residual / d, low, up, -s))
+
+    each = zip(found.impulses, found.residual, diagonal, sides, slack, *bounds, strict=True)
+    return tuple(one(*arguments) for arguments in each)

@@ -1,0 +1,94 @@
+"""The matrix A = J M^-1 J' + C of all rows, assembled in small blocks and factorised; see `row_order.py` for the order.
+
+In variables scaled so that A has a unit diagonal. Rows out of play (at a bound) leave the matrix: theirs becomes that
+of the identity, and the order stays as it is.
+"""
+
+from collections.abc import Callable, Sequence
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.methods.allrows.order import RowOrder, row_order
+from jaxfem.rigid.dynamics import RigidSet
+from jaxfem.solvers.elimination import factorise, product, solve_factored
+from jaxfem.system.coupled import inverse_mass
+from jaxfem.system.soft import System, extra_rows
+
+Array = jax.Array
+Impulses = tuple[Array, ...]
+
+
+def row_preconditioner(system: System, diagonal: Impulses, free: Impulses) -> Callable[[Impulses], Impulses]:
+    """r -> A_FF^-1 r on the rows of `free` (1 or 0), in scaled variables (D^-1/2 A D^-1/2); the others pass unchanged.
+
+    `diagonal`: of A. The identity where the factorisation fails in rounding.
+    """
+    order = system.elimination
+    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
+    own = [rows.compliance * s**2 + (1 - f) for rows, s, f in zip(system.rows, scale, free, strict=True)]
+    blocks = _blocks(order, system, scale, _packed(order, tuple(own), 1.0))
+    factor = factorise(order.elimination, *blocks)
+    sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(factor)]).all()
+
+    def apply(residual: Impulses) -> Impulses:
+        found = solve_factored(order.elimination, factor, _packed(order, residual, 0.0))
+        solved = _unpacked(order, found, residual)
+        return jax.tree.map(lambda x, r: jnp.where(sound, x, r), solved, residual)
+
+    return apply
+
+
+def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tuple[Array, Array]:
+    """Diagonal blocks (N, s, s) and those of the coupled pairs (P, s, s); `own` (N, s) is added to the diagonal."""
+    count, size, width, repeats = order.parts.shape
+    jacobian = jnp.concatenate(
+        [(rows.jacobian * s[:, :, None]).reshape(-1, 3) for rows, s in zip(extra_rows(system), scale, strict=True)]
+    )
+    jacobian = jnp.concatenate([jacobian, jnp.zeros((1, 3), jacobian.dtype)])
+    entries = sum(jacobian[order.parts[..., q]] for q in range(repeats))  # (N, s, t, 3)
+    entries = jnp.moveaxis(entries, 1, 2).reshape(count * width, size, 3)
+    moved = jnp.moveaxis(entries, 0, -1)  # (s, 3, N t)
+    pushed = product(moved, jnp.moveaxis(_inverse_mass_blocks(system)[order.triples.reshape(-1)], 0, -1))
+    ends = jnp.zeros((1, size, 3), entries.dtype)
+    table, pushed_table = jnp.concatenate([entries, ends]), jnp.concatenate([jnp.moveaxis(pushed, -1, 0), ends])
+    diagonal = (
+        sum(product(pushed[:, :, t::width], moved[:, :, t::width].swapaxes(0, 1)) for t in range(width))
+        + own.T[:, None] * jnp.eye(size, dtype=own.dtype)[:, :, None]
+    )
+    beside = jnp.zeros((size, size, order.shared.shape[0]), own.dtype)
+    for h in range(order.shared.shape[1]):
+        first = jnp.moveaxis(pushed_table[order.shared[:, h, 0]], 0, -1)
+        second = jnp.moveaxis(table[order.shared[:, h, 1]], 0, -1)
+        beside = beside + product(first, second.swapaxes(0, 1))
+    return jnp.moveaxis(diagonal, -1, 0), jnp.moveaxis(beside, -1, 0)
+
+
+def _inverse_mass_blocks(system: System) -> Array:
+    """Inverse mass of each triple, (n + 1, 3, 3); zero in the last."""
+    scalar, turning = inverse_mass(system)
+    blocks = jnp.append(scalar, 0)[:, None, None] * jnp.eye(3, dtype=scalar.dtype)
+    return blocks if turning is None else blocks.at[-1 - turning.shape[0] : -1].set(turning)
+
+
+def _packed(order: RowOrder, values: Impulses, padding: float) -> Array:
+    """Values of all rows as (N, s)."""
+    flat = jnp.concatenate([value.reshape(-1) for value in values])
+    return jnp.append(flat, padding)[order.rows]
+
+
+def _unpacked(order: RowOrder, packed: Array, like: Impulses) -> Impulses:
+    flat, parts, at = packed.reshape(-1)[order.places], [], 0
+    for value in like:
+        parts.append(flat[at : at + value.size].reshape(value.shape))
+        at += value.size
+    return tuple(parts)
+
+
+def elimination_of(triples: Sequence[np.ndarray], impulses: Impulses, rigid: RigidSet) -> RowOrder | None:
+    """The order for rows of rigid bodies alone, kind by kind; None where there are none, or it would be too dear."""
+    if not triples:
+        return None
+    body_of = np.where(np.tile(np.asarray(rigid.free) > 0, 2), np.arange(2 * rigid.count) % rigid.count, -1)
+    return row_order(triples, [each.shape[1] for each in impulses], body_of)

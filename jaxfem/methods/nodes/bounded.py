@@ -1,0 +1,261 @@
+"""Condensed route with rows that stay rows: contacts, friction, limits, motors, joints beside the nodes' big matrix.
+
+Elastic rows are eliminated as ever; the others (any kind that is not elastic) keep their impulses as unknowns. So
+the condition on the pair (v, lam) has no division by a compliance, however small, and its derivative is symmetric:
+
+    M (v - v*) - J_e' lam_e(v) - J' lam = 0;   c - J v - C lam = 0 between the bounds, lam = bound at one.
+
+Rigid bodies are further triples with 3x3 blocks of their own. A friction bound moves with its normal impulse, which
+makes the derivative unsymmetric: see `solve_pair_tangent`.
+
+A Schur complement on these rows would take one more solve a row and step, 14 iterations each on a cube of 5000
+elements; this way the cube on the ground, with up to 363 such rows, takes 16 in all (benchmarks/soft_cube.py).
+"""
+
+from collections.abc import Callable
+from functools import partial
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.batching import lanes_in_turn
+from jaxfem.methods.nodes.assembly import BlockMatrix
+from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
+from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix, inverse_blocks
+from jaxfem.methods.nodes.row_coarse import coarse_space
+from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
+from jaxfem.rows.points import PointRows
+from jaxfem.solvers.bicgstab import bicgstab
+from jaxfem.solvers.box import make_box
+from jaxfem.solvers.implicit import or_nan, unless_zero
+from jaxfem.solvers.semismooth import SHARPEST, RowTerms, minimize_with_rows
+from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.friction import extra_bounds, placed_at_bounds, sides_of
+from jaxfem.system.soft import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
+
+Array = jax.Array
+Pair = tuple[Array, tuple[Array, ...]]
+
+SHARPEST_TIED = 0.1
+"""The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
+
+
+def pair_gradient(system: System, unknown: Pair) -> Pair:
+    """The condition above at velocities (n, 3) of the free triples and the extra rows' impulses; zero at the solution.
+
+    Which rows are at a bound is read off the impulses.
+    """
+    velocities, impulses = merged(system, unknown[0]), unknown[1]
+    sides = sides_of(extra_bounds(system, impulses), impulses)
+    placed = placed_at_bounds(system, sides, impulses)
+    pushed = jnp.zeros_like(velocities)
+    residuals = []
+    for rows, side, lam, own in zip(extra_rows(system), sides, impulses, placed, strict=True):
+        pushed = pushed + rows.apply_transpose(own)
+        residuals.append(jnp.where(side != 0, lam - own, rows.bias - rows.apply(velocities) - rows.compliance * lam))
+    momentum = momentum_gradient(elastic_part(system), unknown[0])
+    return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), tuple(residuals)
+
+
+@lanes_in_turn
+def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
+    """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info."""
+    free = system.free[:, None]
+    start = guess[0] * free
+    velocities = merged(system, start)
+    extra = extra_rows(system)
+    terms = _terms(
+        extra,
+        slack=tuple(rows.bias - rows.apply(velocities) for rows in extra),
+        start=guess[1],
+        bounds=extra_bounds(system, guess[1]),
+    )
+    gradient = momentum_gradient(elastic_part(system), start)
+    follow = partial(extra_bounds, system) if system.friction else None
+    step, impulses, info = _minimizer(system)(gradient, terms, system.tolerance, system.floor, follow)
+    end = start + step * free
+    weak = weakly_active(system, merged(system, end), impulses)
+    return (end, impulses), info.replace(weakly_active=weak)
+
+
+def pair_tangent(system: System, unknown: Pair) -> Callable[[Pair, Any], tuple[Pair, SolveInfo]]:
+    """(right, tolerance) -> the solution with the derivative of `pair_gradient` at `unknown`, and info.
+
+    Rows at a bound are held there, friction's at bounds that do not move: that derivative is symmetric.
+    """
+    extra = extra_rows(system)
+    held = tuple(side != 0 for side in sides_of(extra_bounds(system, unknown[1]), unknown[1]))
+    active = tuple(~mask for mask in held)
+    minimize, none = _minimizer(system), ((None,) * len(extra),) * 2
+
+    def solve(right: Pair, tolerance: Any) -> tuple[Pair, SolveInfo]:
+        slack = tuple(jnp.where(on, -r, 0) for on, r in zip(active, right[1], strict=True))
+        terms = _terms(extra, slack, tuple(jnp.zeros_like(r) for r in slack), none, active)
+        velocities, impulses, info = minimize(-right[0], terms, tolerance, 0.0, None)
+        return (velocities, tuple(map(jnp.where, held, right[1], impulses))), info
+
+    return solve
+
+
+def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) -> Pair:
+    """Solve matvec(y) = right, the derivative of `pair_gradient` at `unknown` or its transpose; NaN where that fails.
+
+    Without friction that is the symmetric solve. With friction bounds that move, the symmetric solve P preconditions
+    stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left.
+    """
+    if not system.friction:
+        return or_nan(*unless_zero(lambda s, r: pair_tangent(s[0], s[1])(r, s[0].tolerance), (system, unknown), right))
+
+    def solve(given: Any, right: Pair) -> tuple[Pair, SolveInfo]:
+        system, unknown = given
+        symmetric = pair_tangent(system, unknown)
+
+        def precondition(residual: Pair) -> Pair:
+            return symmetric(residual, 0.1 * system.tolerance)[0]
+
+        found, info = bicgstab(matvec, right, precondition, tol=system.tolerance, max_iterations=100)
+        good = info.residual <= jnp.sqrt(system.tolerance)
+        return found, info.replace(status=jnp.where(good, int(Status.CONVERGED), info.status))
+
+    return or_nan(*unless_zero(solve, (system, unknown), right))
+
+
+def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:
+    """Number of extra rows at a bound with no force against it, to within the tolerance.
+
+    The scale is energy: that of the unbound motion, and of what the rows ask of it.
+    """
+    scalar, blocks = inverse_mass(system)
+    extra, boxes = extra_rows(system), []
+    diagonals = [rows.diagonal(scalar, blocks) + rows.compliance for rows in extra]
+    square = jnp.vdot(system.target, system.mass[:, None] * system.target)
+    for rows, diagonal in zip(extra, diagonals, strict=True):
+        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonal)
+    tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
+    threshold = 10 * tolerance * jnp.sqrt(square)
+    bounds = extra_bounds(system, impulses)
+    for rows, lam, lower, upper, diagonal in zip(extra, impulses, *bounds, diagonals, strict=True):
+        root = jnp.sqrt(diagonal)
+        gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
+        boxes.append(make_box(lam, lower, upper).divided(1 / root).weak(lam * root, gap / root, threshold))
+    return sum(boxes[1:], start=boxes[0])
+
+
+def _terms(extra: Any, slack: Any, start: Any, bounds: Any, active: Any = None) -> RowTerms:
+    compliance = tuple(jnp.broadcast_to(rows.compliance, rows.bias.shape) for rows in extra)
+    return RowTerms(slack, compliance, bounds[0], bounds[1], start, compliance, active or (None,) * len(extra))
+
+
+def _minimizer(system: System) -> Any:
+    """(gradient, terms, tolerance, absolute, follow) -> the semismooth solve, all in the user's order."""
+    matrix, order = condensed_matrix(system), SolverOrder(system)
+    rows = tuple(order.placed(each) for each in extra_rows(system))
+    diagonal = jnp.concatenate([matrix.diagonal_blocks, order.rigid_blocks])
+    inverse = inverse_blocks(diagonal)
+    local = tuple(local_compliance(each, inverse) for each in rows)
+    product = order.product(matrix)
+    precondition = (_preconditioner if few(rows) else _tied_preconditioner)(system, matrix, order, diagonal, rows)
+
+    def with_rows(stiffness: tuple[Array, ...]) -> Callable[[Array], Array]:
+        return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
+
+    def solve(gradient: Array, terms: RowTerms, tolerance: Any, absolute: Any, follow: Any) -> Any:
+        step, impulses, info = minimize_with_rows(
+            product,
+            order.gathered(gradient),
+            rows,
+            terms.replace(local=local),
+            precondition,
+            tol=tolerance,
+            max_iterations=system.max_iterations,
+            absolute=absolute,
+            follow=follow,
+            stiffened=with_rows,
+            sharpest=SHARPEST if few(rows) else SHARPEST_TIED,
+        )
+        return order.scattered(step), impulses, info
+
+    return solve
+
+
+class SolverOrder:
+    """All triples in the solver's order: nodes group by group, padded, then the rigid bodies' two triples each."""
+
+    def __init__(self, system: System):
+        self.system, self.pattern = system, system.pattern
+        self.nodes, padded = self.pattern.place.shape[0], self.pattern.order.shape[0]
+        rigid = system.mass.shape[0] - self.nodes
+        self.count = padded + rigid
+        self.place = jnp.concatenate([self.pattern.place, padded + jnp.arange(rigid, dtype=self.pattern.place.dtype)])
+
+    @property
+    def rigid_blocks(self) -> Array:
+        """Masses and inertias of rigid bodies as blocks (2 b, 3, 3)."""
+        inertia = self.system.inertia
+        if inertia is None:
+            return jnp.zeros((0, 3, 3), self.system.mass.dtype)
+        mass = self.system.mass[self.nodes : self.nodes + inertia.shape[0]]
+        return jnp.concatenate([mass[:, None, None] * jnp.eye(3, dtype=mass.dtype), inertia])
+
+    def gathered(self, field: Array) -> Array:
+        """(n, 3) in solver order; zero on padding."""
+        return jnp.concatenate([self.pattern.gathered(field[: self.nodes]), field[self.nodes :]])
+
+    def scattered(self, field: Array) -> Array:
+        """A field in solver order as (n, 3)."""
+        return field[self.place]
+
+    def product(self, matrix: BlockMatrix) -> Callable[[Array], Array]:
+        """The product with the nodes' matrix and the rigid bodies' blocks."""
+        if self.system.inertia is None:
+            return matrix.apply
+        split, blocks = self.pattern.order.shape[0], self.rigid_blocks
+        return lambda x: jnp.concatenate([matrix.apply(x[:split]), jnp.einsum("bij,bj->bi", blocks, x[split:])])
+
+    def placed(self, rows: PointRows) -> PointRows:
+        """The rows on unknowns in solver order, without their hold on what does not move."""
+        moving = jnp.repeat(self.system.free[rows.triples], 3, axis=1)[:, None]
+        return rows.replace(triples=self.place[rows.triples], jacobian=rows.jacobian * moving, unknowns=self.count)
+
+
+def _preconditioner(
+    system: System, matrix: BlockMatrix, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
+) -> Any:
+    """stiffness -> preconditioner: P = (D + J' k J)^-1 on the triples, and the coarse space seen through it.
+
+    P + P D B D P, with D the diagonal blocks and B the coarse correction of the nodes without rows. P D takes out of
+    the coarse modes what stiff rows forbid, so B, built once for all active sets, does not fight them. Volumetric rows
+    shared by clusters are not in it: bodies near nu = 0.5 with extra rows take more iterations.
+    """
+    coarse, split = coarse_correction(group_modes(system), system.coarse), order.pattern.order.shape[0]
+
+    def weighted(field: Array) -> Array:
+        return jnp.einsum("nij,nj->ni", diagonal[:split], field)
+
+    def build(stiffness: tuple[Array, ...]) -> Any:
+        smooth = smoother(diagonal, tuple(map(RowStiffness, rows, stiffness)))
+
+        def apply(residual: Array) -> Array:
+            first = smooth(residual)
+            modes = weighted(coarse(weighted(first[:split])))
+            return first + smooth(jnp.concatenate([modes, jnp.zeros_like(first[split:])]))
+
+        return apply
+
+    return build
+
+
+def _tied_preconditioner(
+    system: System, matrix: BlockMatrix, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
+) -> Any:
+    """stiffness -> preconditioner for many rows between bodies: node blocks, and a coarse space with the rows in it."""
+    modes = group_modes(system)
+    space = coarse_space(modes, coarse_matrix(matrix, modes), order.rigid_blocks)
+
+    def build(stiffness: tuple[Array, ...]) -> Any:
+        kinds = tuple(map(RowStiffness, rows, stiffness))
+        smooth, inverse = smoother(diagonal, kinds), space.inverse(kinds)
+        return lambda residual: smooth(residual) + space.correction(inverse, residual)
+
+    return build

@@ -1,0 +1,161 @@
+"""A step whose rotations are those of its end: rows made where the solution leads, solved again until they agree.
+
+With x_a(v), v_a(v) where the scheme takes its forces (see `schemes`) and f the exact corotated force there,
+    g(v) = M (v - v*) - weight f(x_a(v), v_a(v)) = 0.
+Each round solves the rows made at the last v: Newton's method but for the turning of the rotations, whose share of the
+tangent is small where steps are, and leaves a matrix that is always definite.
+"""
+
+import dataclasses
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.methods.allrows.dual import solve_dual
+from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes, solve_condensed
+from jaxfem.methods.nodes.preconditioner import two_level
+from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import Pytree
+from jaxfem.solvers.bicgstab import bicgstab
+from jaxfem.solvers.implicit import implicit_solution, or_nan
+from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.soft import (
+    System,
+    elastic_rounding,
+    momentum_gradient,
+    prescribed_velocity,
+    step_system,
+)
+
+Array = jax.Array
+
+ROUNDS = 60
+ROUNDING = 3.0  # times the forces that rounding makes of positions: what residuals are seen to stay below
+GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
+FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
+
+
+class _Inputs(Pytree):
+    model: Model
+    params: Params
+    state: State
+    dt: Array
+    forces: Array | None
+    coarse: Array | None
+
+
+class _Rounds(Pytree):
+    velocities: Array
+    best: Array  # where the last solve started: steps that make things worse are halved towards it
+    impulses: Any
+    least: Array
+    target: Array
+    residual: Array
+    iterations: Array
+    rounds: Array
+    status: Array
+
+
+def solve_turning(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None
+) -> tuple[Array, Any, SolveInfo]:
+    """End-of-step velocities (n, 3), impulses (None unless the rows' solver has them) and info; differentiable.
+
+    `info.iterations` are those of all rounds.
+    """
+    inputs = _Inputs(model, params, state, dt, forces, coarse)
+    guess = jax.lax.stop_gradient((state.velocities, state.impulses))
+    unknown, (info, impulses) = implicit_solution(_EndOfStep(model.solver), inputs, guess)  # type: ignore[arg-type]
+    free = model.free[:, None] > 0
+    return jnp.where(free, unknown, prescribed_velocity(model, params, state, dt)), impulses, info
+
+
+@dataclasses.dataclass(frozen=True)
+class _EndOfStep:
+    """g(v) = 0 on the velocities of free nodes. Damping in a turning frame has no potential: not symmetric."""
+
+    route: str
+    symmetric: bool = False
+
+    def gradient(self, inputs: _Inputs, unknown: Array) -> Array:
+        return momentum_gradient(_system(inputs, unknown), unknown)
+
+    def solve(self, inputs: _Inputs, guess: Any) -> tuple[Array, tuple[SolveInfo, Any]]:
+        velocities, impulses = guess
+        return _solve(inputs, velocities, impulses, self.route)
+
+    def tangent_solve(self, inputs: _Inputs, unknown: Array, right: Array, matvec: Any) -> Array:
+        system = _system(inputs, unknown)
+        matrix, pattern = condensed_matrix(system), system.pattern
+        inverse = two_level(matrix, group_modes(system), system.coarse)
+
+        def precondition(residual: Array) -> Array:
+            return pattern.scattered(inverse(pattern.gathered(residual)))
+
+        limit = system.max_iterations
+        return or_nan(*bicgstab(matvec, right, precondition, tol=system.tolerance, max_iterations=limit))
+
+
+def _system(inputs: _Inputs, around: Array) -> System:
+    i = inputs
+    return step_system(i.model, i.params, i.state, i.dt, i.forces, i.coarse, around)
+
+
+def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tuple[Array, tuple[SolveInfo, Any]]:
+    def once(s: _Rounds, system: System, residual: Array) -> _Rounds:
+        rows: Any = None
+        if route == "mprgp":
+            found, (info, rows) = solve_dual(system, s.impulses)
+            # Its tolerance is one of the rows' own residual: where that holds at once, the rounds have ended.
+            status = jnp.where(info.iterations == 0, info.status, s.status).astype(jnp.int32)
+            s = s.replace(status=status)
+        else:
+            tolerance = jnp.maximum(system.tolerance, FIRST_DIGITS)
+            loose = system.replace(tolerance=tolerance, floor=0.3 * s.target)
+            found, (info, _) = solve_condensed(loose, s.velocities)
+        failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
+        status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
+        total = s.iterations + info.iterations
+        return s.replace(
+            velocities=found,
+            best=s.velocities,
+            impulses=rows,
+            least=jnp.minimum(residual, s.least),
+            iterations=total,
+            status=status,
+        )
+
+    def trip(s: _Rounds) -> _Rounds:
+        system = _system(inputs, s.velocities)
+        residual = jnp.linalg.norm(momentum_gradient(system, s.velocities))
+        first = s.rounds == 0
+        scale = jnp.where(first, residual, s.residual)
+        # At rest all forces cancel: what the rounding of positions makes of the elastic ones cannot be solved away.
+        floor = system.floor + noise
+        target = jnp.where(first, jnp.maximum(system.tolerance * residual, system.floor), s.target)
+        s = s.replace(target=target, residual=scale, rounds=s.rounds + 1)
+        # Below the floor a round is let be the last once it gains nothing: small loads are felt as far as digits go.
+        done = (residual <= target) | ((residual <= floor) & ~first & (residual > 0.5 * s.least))
+        status = jnp.where(done, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+        status = jnp.where(first & ~jnp.isfinite(residual), int(Status.NOT_FINITE), status).astype(jnp.int32)
+        s = s.replace(status=status)
+        halved = s.replace(velocities=0.5 * (s.velocities + s.best))
+        ended = s.replace(least=residual)
+        worse = ~(residual <= GROWTH * s.least) & (route != "mprgp")
+        choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(worse, 1, 2))
+        branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
+        return jax.lax.switch(choice, branches)
+
+    def running(s: _Rounds) -> Array:
+        return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS)
+
+    noise = ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, inputs.state.positions)
+    free = inputs.model.free[:, None]
+    infinite = jnp.full((), jnp.inf, velocities.dtype)
+    zero, limit = jnp.int32(0), jnp.int32(Status.ITERATION_LIMIT)
+    start = velocities * free
+    s = _Rounds(start, start, impulses, infinite, infinite, infinite, zero, zero, limit)
+    end = jax.lax.while_loop(running, trip, s)
+    relative = end.least / jnp.where(end.residual > 0, end.residual, 1)
+    return end.velocities, (SolveInfo(end.status, end.iterations, relative, zero), end.impulses)

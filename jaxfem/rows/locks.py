@@ -1,0 +1,164 @@
+"""Locks: rows that hold points together or frames aligned. Joints are built of them (see `declared/joints.py`).
+
+Each lock measures a gap g (m, r) with rate J v and holds it as a spring of compliance alpha and damping d, implicitly
+at the step's stage x_a = base + ahead + reach v, v_a = before + follow v (see `schemes`), with g taken at `base`:
+    lam = -weight (g + J ahead + reach J v) / alpha - weight d (J before + follow J v)
+    => J v + C lam = c,  s = reach + follow alpha d,  C = alpha / (weight s),  c = -(g + J ahead + alpha d J before) / s
+For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alpha = 0 is a rigid joint whose drift is
+taken back within the step (Baumgarte 1972 with the whole gap a step).
+"""
+
+from typing import Any, ClassVar, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import Pytree, static
+from jaxfem.rows.attachments import Configuration, Frame, Placed, Point, RigidPoint, difference, relative_spin
+from jaxfem.rows.points import PointRows
+from jaxfem.schemes import Stage
+
+Array = jax.Array
+
+
+class Softness(Pytree):
+    """What users differentiate of m joints: `compliance` (m,) [m/N or rad/(N m)] and `damping` (m,) [N s/m, N m s]."""
+
+    compliance: Any
+    damping: Any
+
+
+class JointRows(Protocol):
+    """m joint parts of one kind: what the step asks of each."""
+
+    names: tuple[str, ...]
+
+    @property
+    def one_sided(self) -> bool:
+        """Whether they only push or only pull, and may strike: limits and ropes."""
+
+    def rows(self, at: Configuration, values: Any, stage: Stage) -> PointRows:
+        """Their rows; `at` is where the stage's `base` is."""
+
+
+def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage):
+    """Rows (m, r) that hold a gap (m, r) at zero, as the head of this file says."""
+    alpha, damping = values.compliance[:, None], values.damping[:, None]
+    reach, follow, weight = stage.numbers(triples[:, :1])
+    slack = reach + follow * alpha * damping
+    compliance = jnp.broadcast_to(alpha / (weight * slack), gap.shape)
+    rows = PointRows(triples, jacobian, compliance, -gap / slack, unknowns=at.unknowns)
+    if stage.ahead is None or stage.before is None:
+        return rows
+    known = gap + rows.apply(stage.ahead) + alpha * damping * rows.apply(stage.before)
+    return rows.replace(bias=-known / slack)
+
+
+class PointLock(Pytree):
+    """Points `a` and `b` coincide: three rows along the world axes, impulses on b."""
+
+    a: Point
+    b: Point
+    names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
+
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
+        """Gap: from a to b."""
+        gap = difference(self.a.placed(at), self.b.placed(at))
+        return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
+
+
+class LineLock(Pytree):
+    """Point `b` stays on the line through `a` along the third axis of `frame`: two rows along the other axes."""
+
+    a: Point
+    b: Point
+    frame: Frame
+    names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
+
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
+        """Gap: from a to b along the axes across the line."""
+        gap, triples, jacobian = along_axes(self.a.placed(at), self.b.placed(at), self.frame, at)
+        return spring_rows(gap[:, :2], triples, jacobian[:, :2], values, at, stage)
+
+
+class FrameLock(Pytree):
+    """Frames `a` and `b` stay aligned: three rows along a's axes."""
+
+    a: Frame
+    b: Frame
+    names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
+
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
+        """Gap: rotation from a's axes to b's; its rate is the relative spin to first order."""
+        axes, other = self.a.axes(at), self.b.axes(at)
+        triples, spin = relative_spin(self.a, self.b, at)
+        # sum of the axes' cross products: 2 sin(angle) times the direction of the turn
+        gap = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
+        return spring_rows(
+            jnp.einsum("mij,mi->mj", axes, gap), triples, jnp.einsum("mij,mik->mjk", axes, spin), values, at, stage
+        )
+
+
+class AxisLock(Pytree):
+    """The third axes of frames `a` and `b` stay aligned: two rows along a's other axes."""
+
+    a: Frame
+    b: Frame
+    names: tuple[str, ...] = static(default=())
+    one_sided: ClassVar[bool] = False
+
+    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
+        """Gap: cross product of the axes, seen along a's first and second."""
+        axes, other = self.a.axes(at), self.b.axes(at)
+        triples, spin = relative_spin(self.a, self.b, at)
+        gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
+        across = axes[:, :, :2]
+        return spring_rows(
+            jnp.einsum("mij,mi->mj", across, gap), triples, jnp.einsum("mij,mik->mjk", across, spin), values, at, stage
+        )
+
+
+def along_axes(a: Placed, b: Placed, frame: Frame, at: Configuration) -> tuple[Array, Array, Array]:
+    """From a to b along a frame's axes: values (m, 3), triples, and rates (m, 3, 3 k).
+
+    d/dt (axis . e) = axis . de/dt + w . (axis x e), w the frame's spin.
+    """
+    gap, axes = difference(a, b), frame.axes(at)
+    spinning, spin = frame.spin(at)
+    own = jnp.einsum("mij,mik->mjk", axes, gap.jacobian)
+    arms = jnp.cross(axes, gap.position[:, :, None], axis=1)
+    turning = jnp.einsum("mij,mik->mjk", arms, spin)
+    triples = jnp.concatenate([gap.triples, spinning], -1)
+    return jnp.einsum("mij,mi->mj", axes, gap.position), triples, jnp.concatenate([own, turning], -1)
+
+
+def tension_stiffness(lock: PointLock, force: Array, at: Configuration) -> Array:
+    """Geometric stiffness of point joints against turning the bodies they pull on, (b, 3, 3) [N m/rad].
+
+    A force f at the arm r gives the torque r x f; turning the body changes it by -(f.r I - (r f' + f r')/2) a radian
+    (symmetric part; Tournier et al. 2015). With u = sqrt(|r||f|) (r/|r| + f/|f|) a quarter of |u|^2 I - u u' bounds the
+    positive part of that matrix from above, is equal to it where f is along r, and needs no eigenvectors.
+    """
+    total = jnp.zeros_like(at.rotations)
+    for end, pull in ((lock.a, -force), (lock.b, force)):
+        if isinstance(end, RigidPoint):
+            arm = end.arm(at)
+            size = _norm(arm) * _norm(pull)
+            u = jnp.sqrt(jnp.where(size > 0, size, 1)) * (arm / _safe(arm) + pull / _safe(pull))
+            square = jnp.sum(u * u, -1)[:, None, None] * jnp.eye(3, dtype=u.dtype)
+            part = 0.25 * (square - u[:, :, None] * u[:, None, :]) * (size > 0)[:, :, None]
+            total = total.at[end.body].add(part)
+    return total
+
+
+def _norm(vector: Array) -> Array:
+    square = jnp.sum(vector**2, -1, keepdims=True)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def _safe(vector: Array) -> Array:
+    norm = _norm(vector)
+    return jnp.where(norm > 0, norm, 1)

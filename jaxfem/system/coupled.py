@@ -1,0 +1,200 @@
+"""A step of soft and rigid bodies, joints and contacts: one system on all triples.
+
+Rigid bodies add two triples each to the unknown: linear velocities, then angular ones (world frame). The angular blocks
+of the mass are the inertia at the middle of the step plus, where it must be, dt^2 times the geometric stiffness of the
+joints' pull: M' w = (I w)_old + dt torque + J' lam. All joint and contact rows follow the elastic ones.
+
+With the second-order scheme (soft bodies only) joints and motors hold at its stage, as elastic rows do. Contacts,
+limits and ropes keep the end-of-step velocity from closing the gap at the start, as in backward Euler: held at the
+stage, velocities would turn about with each step. Where one of them strikes, the step is one of backward Euler for the
+bodies that it may tie, whose accelerations then start anew: what an impact does to them would echo (cf. Chen, Acary,
+Virlez & Bruls 2013).
+"""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.model import Model, Params, State, nodal_mass
+from jaxfem.rigid.dynamics import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
+from jaxfem.rotation import quaternion_to_matrix
+from jaxfem.rows.attachments import Configuration
+from jaxfem.rows.contact import contact_rows
+from jaxfem.rows.locks import PointLock, tension_stiffness
+from jaxfem.rows.points import PointRows
+from jaxfem.schemes import Stage, backward_euler_stage
+from jaxfem.system.soft import Friction, System, external_force, inverse_mass, stage_of, step_system
+from jaxfem.tensors import inverse_blocks
+
+Array = jax.Array
+
+
+TRACE = {True: 1e-9, False: 1e-6}
+"""Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
+STIFFNESS_ONSET = 1.0
+"""dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
+
+
+def coupled_system(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
+) -> System:
+    """The step's system on all triples: n nodes, b linear, b angular. `coarse` as in `step_system`."""
+    at = configuration(state)
+    impact = free = None
+    if model.scheme != "backward_euler":
+        free = _unhindered(model, params, state, dt, forces)
+        impact = _impact(model, params, state, dt, free, at)
+    soft = step_system(model, params, state, dt, forces, coarse, impact=impact)
+    system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
+    rows: Any = soft.rows
+    elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
+    stage = stage_of(model, state, soft.prescribed, dt, impact)
+    extra, rough = _extra_rows(model, params, state, dt, stage, at, system.target if free is None else free)
+    friction = tuple(Friction(mu, len(elastic) + place - 1, len(elastic) + place) for place, mu in rough.items())
+    hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
+    return system.replace(rows=elastic + hardened, friction=friction, elimination=model.elimination)
+
+
+def _extra_rows(
+    model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, free: Array
+) -> tuple[list[PointRows], dict[int, Array]]:
+    """Rows of joints and contacts, and the coefficients of friction by the places of tangential rows among them.
+
+    `free` (n, 3): end-of-step velocities as they would be without any row.
+    """
+    ahead = at.replace(nodes=stage.base)
+    striking = backward_euler_stage(state.positions, state.velocities, dt)
+    striking = striking.replace(weight=stage.weight)
+    extra = []
+    for name in sorted(model.joints):
+        place = (at, striking) if model.joints[name].one_sided else (ahead, stage)
+        extra.append(model.joints[name].rows(place[0], params.joints[name], place[1]))
+    rough = {}
+    for name in sorted(model.contacts):
+        values = params.contacts[name]
+        normal, tangent = contact_rows(model.contacts[name], at, values, dt, velocities_of(state), free)
+        extra.append(normal)
+        if tangent is not None:
+            rough[len(extra)] = values.friction
+            extra.append(tangent)
+    return extra, rough
+
+
+def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> Array:
+    """Velocities (n, 3) of the nodes after a step without any row, with the acceleration that loads alone give."""
+    load = external_force(model, params, state.positions, forces)
+    return state.velocities + dt * load / nodal_mass(model, params.density)[:, None] * model.free[:, None]
+
+
+def _impact(model: Model, params: Params, state: State, dt: Array, free: Array, at: Configuration) -> Array:
+    """Nodes (n,) of bodies where a one-sided row strikes: its rate changes by more than two steps of loads explain.
+
+    `free` as in `_extra_rows`.
+    """
+    stage = backward_euler_stage(state.positions, state.velocities, dt)
+    rows, rough = _extra_rows(model, params, state, dt, stage, at, free)
+    assert model.node_group is not None
+    struck = jnp.zeros(model.nodes, bool)  # by group, of which there are fewer
+    for place, each in enumerate(rows):
+        if each.bounds is None or place in rough:
+            continue
+        before, coming = each.apply(state.velocities), each.apply(free)
+        for side, bound in ((1, each.bounds[1]), (-1, each.bounds[0])):
+            short = side * (each.bias - before) > 2 * jnp.abs(coming - before)
+            due = jnp.any(jnp.isinf(bound) & short & (side * (each.bias - coming) > 0), axis=1)
+            struck = struck.at[model.node_group[each.triples[:, 0]]].max(due)
+    return struck[model.node_group]
+
+
+def velocities_of(state: State) -> Array:
+    """Velocities of all triples at the start of the step."""
+    if state.rigid is None:
+        return state.velocities
+    return jnp.concatenate([state.velocities, state.rigid.velocities, state.rigid.angular_velocities])
+
+
+def configuration(state: State) -> Configuration:
+    """Where everything is at the start of the step."""
+    if state.rigid is None:
+        zero = jnp.zeros((0, 3), state.positions.dtype)
+        return Configuration(state.positions, zero, jnp.zeros((0, 3, 3), zero.dtype))
+    return Configuration(state.positions, state.rigid.positions, quaternion_to_matrix(state.rigid.orientations))
+
+
+def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> Array:
+    """M^-1 times (n, 3)."""
+    scalar, blocks = inverse
+    velocities = scalar[:, None] * momentum
+    if blocks is None:
+        return velocities
+    bodies = blocks.shape[0]
+    return velocities.at[-bodies:].set(jnp.einsum("bij,bj->bi", blocks, momentum[-bodies:]))
+
+
+def apply_mass(system: System, velocities: Array) -> Array:
+    """M times (n, 3) on all that moves freely."""
+    momentum = (system.free * system.mass)[:, None] * velocities
+    if system.inertia is None:
+        return momentum
+    bodies = system.inertia.shape[0]
+    turning = jnp.einsum("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
+    return momentum.at[-bodies:].set(turning)
+
+
+def advance_rigid(model: Model, params: Params, state: State, velocities: Array, dt: Array) -> Any:
+    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies."""
+    if model.rigid is None or params.rigid is None or state.rigid is None:
+        return None
+    linear, angular = jnp.split(velocities[model.nodes :], 2)
+    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt)
+
+
+def _with_rigid(soft: System, model: Any, params: Any, state: Any, dt: Array, at: Configuration) -> System:
+    bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
+    inertia = world_inertia(bodies, mass, midway(bodies, rigid, dt))
+    inertia = inertia + dt**2 * _needed_stiffness(model, state, inertia, dt, at)
+    spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), angular_momentum(bodies, mass, rigid))
+    linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
+    free = bodies.free[:, None] > 0
+    targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, spin, angular)
+    size = mass[:, None] * (jnp.abs(rigid.velocities) + dt * jnp.abs(params.gravity))
+    return soft.replace(
+        mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
+        target=jnp.concatenate([soft.target, *targets]),
+        prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
+        free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
+        floor=soft.floor + jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * jnp.linalg.norm(size)),
+        inertia=inertia,
+    )
+
+
+def _needed_stiffness(model: Model, state: State, inertia: Array, dt: Array, at: Configuration) -> Array:
+    """Geometric stiffness of point joints with their last impulses, as far as stability asks for it: (b, 3, 3).
+
+    K (1 - onset / x)+ with x = dt^2 |I^-1 K| (Frobenius): nothing where the step resolves the motion, and elsewhere
+    just enough to keep the explicit remainder at the onset.
+    """
+    total = jnp.zeros_like(inertia)
+    if state.impulses is None:
+        return total
+    for name, impulse in zip(sorted(model.joints), state.impulses[len(model.domains) :], strict=False):
+        lock = model.joints[name]
+        if isinstance(lock, PointLock):
+            total = total + tension_stiffness(lock, impulse / dt, at)
+    ratio = jnp.einsum("bij,bjk->bik", inverse_blocks(inertia), total)
+    square = jnp.sum(ratio**2, (1, 2))
+    size = dt**2 * jnp.sqrt(jnp.where(square > 0, square, 1))
+    share = jnp.where((square > 0) & (size > STIFFNESS_ONSET), 1 - STIFFNESS_ONSET / size, 0)
+    return share[:, None, None] * total
+
+
+def _hardened(rows: PointRows, scalar: Array, blocks: Array | None) -> PointRows:
+    """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer.
+
+    1e-9 (1e-6 in single precision) of a row's own effective inverse mass: the stiffness is that of the mass at the
+    step's frequency times 1e9. Rows that move nothing get 1.
+    """
+    diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
+    trace = TRACE[diagonal.dtype.itemsize > 4]
+    return rows.replace(compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1))
