@@ -8,7 +8,7 @@ For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alp
 taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -41,6 +41,14 @@ class JointRows(Protocol):
         """Their rows; `at` is where the stage's `base` is."""
 
 
+@runtime_checkable
+class Pulling(Protocol):
+    """Joint rows whose pull has to be felt as geometric stiffness."""
+
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What forces (m, r) [N] add to the angular mass of the bodies that they pull on, (b, 3, 3)."""
+
+
 def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage):
     """Rows (m, r) that hold a gap (m, r) at zero, as the head of this file says."""
     alpha, damping = values.compliance[:, None], values.damping[:, None]
@@ -66,6 +74,10 @@ class PointLock(Pytree):
         """Gap: from a to b."""
         gap = difference(self.a.placed(at), self.b.placed(at))
         return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
+
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What its last forces (m, 3) [N] add to the angular mass of the bodies that it pulls on, (b, 3, 3)."""
+        return tension_stiffness(self, force, at)
 
 
 class LineLock(Pytree):
