@@ -10,7 +10,7 @@ import scenes
 
 import jaxfem as jf
 from jaxfem.elements.mass import mass_product
-from jaxfem.model import mass_coupling, nodal_mass
+from jaxfem.model import shared_mass, nodal_mass
 from jaxfem.schemes import scheme_damping
 
 RNG = np.random.default_rng(11)
@@ -303,7 +303,7 @@ def test_masses_that_are_not_lumped(mass):
     """Their product is the textbook's; uniform gravity and momentum act as on lumped ones; the start is in balance."""
     kind = {"scheme": "generalized_alpha", "tolerance": 1e-12, "mass": mass}
     model, params, state = scenes.beam((2, 1, 1), fixed=None, build=kind)
-    coupling, lumped = mass_coupling(model, params.density), nodal_mass(model, params.density)
+    coupling, lumped = shared_mass(model, params.density), nodal_mass(model, params.density)
     element_mass = params.density * model.elements.volumes
     v = jnp.asarray(RNG.standard_normal(model.rest.shape))
     expected = mass_product(mass, lumped, element_mass, model.elements.cells, v)
