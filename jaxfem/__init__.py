@@ -1,12 +1,16 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.building.build import AccuracyWarning, build
+from jaxfem.building.build import build
+from jaxfem.building.soft import AccuracyWarning
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.materials.base import Material
+from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
@@ -22,6 +26,7 @@ __all__ = [
     "BallJoint",
     "Box",
     "Capsule",
+    "Constant",
     "Contact",
     "Cylinder",
     "DistanceJoint",
@@ -31,6 +36,9 @@ __all__ = [
     "FitResult",
     "HeightField",
     "HingeJoint",
+    "Linear",
+    "Material",
+    "MaterialError",
     "Model",
     "Motion",
     "Motor",

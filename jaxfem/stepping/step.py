@@ -19,6 +19,7 @@ from jaxfem.solvers.implicit import SOLUTION, or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.coupled import advance_rigid, coupled_system, velocities_of
+from jaxfem.system.memory import committed
 from jaxfem.system.soft import System, external_force, step_system
 from jaxfem.tensors import determinant
 
@@ -109,6 +110,7 @@ def _advance(model: Model, params: Params, state: State, dt: Array, forces: Arra
         impulses=impulses,
         accelerations=accelerations,
         rigid=advance_rigid(model, params, state, unknown, dt),
+        internal=committed(model, params, state, positions, dt),
     )
     added = _scheme_damping(model, dt, impact)
     inverted = inverted_elements(model, following.positions)
@@ -273,13 +275,18 @@ def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any 
     for name, value in (("positions", state.positions), ("velocities", state.velocities), ("forces", forces)):
         if value is not None and jnp.shape(value) != shape:
             raise StepError(f"{name} has shape {jnp.shape(value)}; the model's {shape[0]} nodes need {shape}")
+    if (state.internal is None) == model.has_memory:
+        raise StepError("state.internal belongs to materials with a memory: use the state that build returned")
     _check_params(model, params)
 
 
 def _check_params(model: Model, params: Params) -> None:
     elements, bodies = model.elements.count, len(model.bodies)
-    for name in ("young", "poisson", "density", "damping"):
-        found = jnp.shape(getattr(params, name))
+    if set(params.constants) != set(model.constants):
+        given, known = sorted(params.constants), sorted(model.constants)
+        raise StepError(f"params hold the constants {given}; the scene's materials have {known}")
+    for name, value in params.constants.items():
+        found = jnp.shape(value)
         if found not in ((), (1,), (bodies,), (elements,)):
             raise StepError(
                 f"{name} has shape {found}; give one number, one for each of the {bodies} bodies, or one for each of "

@@ -15,6 +15,7 @@ from jaxfem.rows.base import Rows, total_impulse
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage, moved_to
+from jaxfem.system.memory import step_materials
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
@@ -82,7 +83,7 @@ def step_system(
     stage = stage if around is None else moved_to(stage, jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        rows=elastic_rows(model.domains, stage, domain_materials(model, params), model.rotation),
+        rows=elastic_rows(model.domains, stage, step_materials(model, params, state, dt), model.rotation),
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,
