@@ -8,7 +8,7 @@ from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
-from jaxfem.materials.base import Material
+from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
@@ -48,6 +48,7 @@ __all__ = [
     "PointForce",
     "Pressure",
     "Recording",
+    "Response",
     "RigidBody",
     "RigidParams",
     "RigidSet",

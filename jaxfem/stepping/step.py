@@ -283,8 +283,8 @@ def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any 
 def _check_params(model: Model, params: Params) -> None:
     elements, bodies = model.elements.count, len(model.bodies)
     if set(params.constants) != set(model.constants):
-        given, known = sorted(params.constants), sorted(model.constants)
-        raise StepError(f"params hold the constants {given}; the scene's materials have {known}")
+        held, wanted = sorted(params.constants), sorted(model.constants)
+        raise StepError(f"params hold the constants {held}; the scene's materials have {wanted}")
     for name, value in params.constants.items():
         found = jnp.shape(value)
         if found not in ((), (1,), (bodies,), (elements,)):
