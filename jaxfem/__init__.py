@@ -7,6 +7,9 @@ from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.materials.base import Material, Response
+from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
@@ -23,6 +26,7 @@ __all__ = [
     "BallJoint",
     "Box",
     "Capsule",
+    "Constant",
     "Contact",
     "Cylinder",
     "DistanceJoint",
@@ -33,6 +37,9 @@ __all__ = [
     "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
+    "Linear",
+    "Material",
+    "MaterialError",
     "Model",
     "Motion",
     "Motor",
@@ -42,6 +49,7 @@ __all__ = [
     "PointForce",
     "Pressure",
     "Recording",
+    "Response",
     "RigidBody",
     "RigidParams",
     "RigidSet",

@@ -1,15 +1,17 @@
 """What `build` returns: the model (topology and configuration), params (what users fit and sweep), and the state."""
 
 import dataclasses
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import Domains, domain_damping, domain_stiffness
+from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
+from jaxfem.materials.base import Material
+from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.schemes import Scheme
@@ -20,22 +22,34 @@ Array = jax.Array
 class Params(Pytree):
     """The numbers that users differentiate, fit and sweep.
 
-    `young` [Pa], `poisson`, `damping` [s] and `density` [kg/m^3] are each a scalar (all bodies), an array (bodies,) or
-    an array (elements,). `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
+    `constants`: name -> value of each constant of the bodies' material laws, and `density` [kg/m^3]: each a scalar (all
+    bodies), an array (bodies,) or an array (elements,); where a body's law lacks a constant stands the others' mean.
+    Each is an attribute too, and one that `replace` takes: `params.young`, `params.replace(young=2e5)`.
+    `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
     `rigid`: masses and motions of rigid bodies; `joints`, `contacts`: name of a group of rows -> its values
     (compliance, limits, motors, friction, ...), under the names of `Model.joints` and `Model.contacts`.
     """
 
-    young: Array
-    poisson: Array
-    density: Array
-    damping: Array
+    constants: dict[str, Any]
     gravity: Array
     loads: tuple = ()
     motions: tuple = ()
     rigid: RigidParams | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
+
+    def __getattr__(self, name: str) -> Any:  # only for what is no field
+        constants = vars(self).get("constants")
+        if isinstance(constants, dict) and name in constants:
+            return constants[name]
+        raise AttributeError(f"params hold no {name!r}" + (f"; constants: {', '.join(constants)}" if constants else ""))
+
+    def replace(self, **changes: Any) -> Self:
+        """The same with some fields or constants changed."""
+        own = {name: changes.pop(name) for name in list(changes) if name in self.constants}
+        if own:
+            changes["constants"] = {**changes.get("constants", self.constants), **own}
+        return super().replace(**changes)
 
 
 class State(Pytree):
@@ -46,7 +60,8 @@ class State(Pytree):
     `rigid`: poses and velocities of rigid bodies, None without them. `memory`: what the method keeps from one step to
     the next, its own affair; `jf.impulses` reads the impulses in it. It starts the solver, and affects a solution only
     through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
-    (see `system/coupled.py`).
+    (see `system/coupled.py`). `internal`: what materials with a memory remember, one entry for each kind of domains;
+    None without such materials.
     """
 
     positions: Array
@@ -55,6 +70,7 @@ class State(Pytree):
     memory: Any = None
     accelerations: Array | None = None
     rigid: RigidState | None = None
+    internal: Any = None
 
 
 class Method(Protocol):
@@ -96,6 +112,7 @@ class Model(Pytree):
     for it, else None. `scheme`: the time scheme; `frequencies` [rad/s]: those whose damping by the scheme `info`
     reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `node_group` (n,): a
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
+    `laws`: the material law of each body, in the order of `bodies`.
     """
 
     rest: Array
@@ -122,6 +139,17 @@ class Model(Pytree):
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
     node_group: Array | None = None
+    laws: tuple[Material, ...] = static(default=())
+
+    @property
+    def constants(self) -> dict[str, Constant]:
+        """The constants that `Params` holds, by name: those of the bodies' laws, then density."""
+        return {each.name: each for law in dict.fromkeys(self.laws) for each in law.constants} | {DENSITY.name: DENSITY}
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a body's material remembers what happened to it (`State.internal`)."""
+        return any(law.remembers for law in self.laws)
 
     @property
     def coupled(self) -> bool:
@@ -169,13 +197,29 @@ def elementwise(model: Model, value: Array) -> Array:
     return value.reshape(()) if value.size == 1 else per_element(model, value)
 
 
-def domain_materials(model: Model, params: Params) -> list[tuple[tuple[Array, Array], Array]]:
-    """Stiffness (3K, 2 mu) [Pa] and damping [s] of each kind of domains, each () or (D,)."""
-    young, poisson, damping = (elementwise(model, v) for v in (params.young, params.poisson, params.damping))
-    return [
-        (domain_stiffness(each, young, poisson), domain_damping(each, young, poisson, damping))
-        for each in model.domains
-    ]
+def element_constants(model: Model, params: Params) -> dict[str, Array]:
+    """The constants by name, each a scalar () where it is one, else one number an element, (E,)."""
+    return {name: elementwise(model, value) for name, value in params.constants.items()}
+
+
+def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:
+    """Stiffness and damping of each kind of domains, without what materials remember."""
+    values = element_constants(model, params)
+    return [domain_material(each, values) for each in model.domains]
+
+
+def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
+    """Volumetric and deviatoric stiffness (3K, 2 mu) of the elements, each () or (E,) [Pa]."""
+    values = element_constants(model, params)
+    if not model.laws:
+        return jnp.zeros_like(model.elements.volumes), jnp.zeros_like(model.elements.volumes)
+    law, *others = dict.fromkeys(model.laws)
+    volumetric, deviatoric = law.stiffness(values)
+    for other in others:
+        its = jnp.array([each == other for each in model.laws])[model.elements.body]
+        own = other.stiffness(values)
+        volumetric, deviatoric = jnp.where(its, own[0], volumetric), jnp.where(its, own[1], deviatoric)
+    return volumetric, deviatoric
 
 
 def nodal_mass(model: Model, density: Array) -> Array:

@@ -10,7 +10,7 @@ import scenes
 
 import jaxfem as jf
 from jaxfem.elements.mass import mass_product
-from jaxfem.model import shared_mass, nodal_mass
+from jaxfem.model import nodal_mass, shared_mass
 from jaxfem.schemes import scheme_damping
 
 RNG = np.random.default_rng(11)

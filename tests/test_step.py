@@ -10,7 +10,7 @@ import scenes
 
 import jaxfem as jf
 from jaxfem.methods.nodes.assembly import assemble_tangent
-from jaxfem.model import nodal_mass
+from jaxfem.model import domain_materials, nodal_mass
 from jaxfem.stepping.step import inverted_elements
 
 RNG = np.random.default_rng(3)
@@ -25,8 +25,7 @@ def single_mode(omega):
         model.domains,
         state.positions,
         rotations,
-        params.young,
-        params.poisson,
+        domain_materials(model, params),
         jnp.zeros(model.nodes),
         model.free,
         model.pattern,

@@ -1,6 +1,5 @@
 """build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
 
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -12,11 +11,10 @@ import numpy as np
 from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_method
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
+from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
-from jaxfem.elements.domains import Domains
 from jaxfem.elements.mass import MASSES
-from jaxfem.elements.smoothing import STRAINS, build_domains
 from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.loads import FacePressure, WeightedForce
 from jaxfem.mesh import locate
@@ -25,15 +23,12 @@ from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
 from jaxfem.schemes import Scheme, scheme_of
+from jaxfem.system.memory import first_memory
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
 GROUP_NODES = 12
 MOST_GROUPS = 96
-
-
-class AccuracyWarning(UserWarning):
-    """The scene will run, but its discretisation is known to be biased there."""
 
 
 def build(
@@ -74,15 +69,17 @@ def build(
     every = _names(scene.bodies)
     bodies, names = scene.soft, [n for n, b in zip(every, scene.bodies, strict=True) if isinstance(b, SoftBody)]
     for body, name in zip(bodies, names, strict=True):
-        _check_body(body, name)
+        check_body(body, name)
+    made = _scheme(scheme, rho_inf, dtype)
+    check_laws(bodies, names, made)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    made = _scheme(scheme, rho_inf, dtype)
     model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, made, mass)
     params = _params(scene, bodies, dtype)
     starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
+    state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
     facts = Facts(
         soft=bool(bodies),
@@ -127,7 +124,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
     most = max(MOST_GROUPS, round(1.5 * len(points) ** 0.5))
     groups = body_groups(points, node_body, GROUP_NODES, most) if bodies else []
     place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
-    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
+    domains = body_domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
         elements=elements,
@@ -148,18 +145,8 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
         rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
         mass=mass,
         bodies=tuple(names),
+        laws=tuple(body.made_of.law for body in bodies),
     )
-
-
-def _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype) -> tuple[Domains, ...]:
-    """Where strain is taken: for each kind of domains that a body asks for, those of all bodies that do."""
-    kinds = list(dict.fromkeys(domain for body in bodies for domain in STRAINS[body.strain]))
-    made = []
-    for kind, part in kinds:
-        users = [number for number, body in enumerate(bodies) if (kind, part) in STRAINS[body.strain]]
-        chosen = np.flatnonzero(np.isin(body_of_element, users))
-        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, points, dtype))
-    return tuple(made)
 
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
@@ -168,26 +155,12 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
             lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
         )
 
-    values: dict[str, Any] = {
-        name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")
-    }
     return Params(
-        **values,
+        constants=body_constants(bodies, dtype),
         gravity=jnp.asarray(scene.gravity, dtype),
         loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
         motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
     )
-
-
-def _material(bodies: Sequence[SoftBody], name: str, dtype: Any) -> jax.Array:
-    """A scalar for one body, one number a body, or one an element where any body asks for that."""
-    values = [np.asarray(getattr(b, name), float) for b in bodies]
-    if not values:
-        return jnp.zeros(0, dtype)
-    if any(v.ndim for v in values):
-        spread = [np.broadcast_to(v, len(b.mesh.cells)) for v, b in zip(values, bodies, strict=True)]
-        return jnp.asarray(np.concatenate(spread), dtype)
-    return jnp.asarray(values[0] if len(values) == 1 else np.stack(values), dtype)
 
 
 def _resolved(load: Load, body: SoftBody, offset: int, dtype: Any) -> WeightedForce | FacePressure:
@@ -241,22 +214,6 @@ def _check_value(body: SoftBody, value: Any, shapes: tuple, what: str) -> None:
     array = np.asarray(value, dtype=float)
     if array.shape not in shapes or not np.isfinite(array).all():
         raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')
-
-
-def _check_body(body: SoftBody, name: str) -> None:
-    size = np.ptp(body.mesh.points, axis=0).max()
-    if not 1e-6 < size < 1e5:
-        raise SceneError(
-            f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
-        )
-    poisson = np.max(body.poisson)
-    if body.strain == "element" and poisson > 0.45:
-        warnings.warn(
-            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
-            "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
-            AccuracyWarning,
-            stacklevel=3,
-        )
 
 
 def _check_same(bodies: Sequence[SoftBody], what: str) -> None:

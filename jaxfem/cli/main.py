@@ -16,7 +16,7 @@ from jaxfem.cli import bench, demo, fit, mesh_info, simulate
 from jaxfem.cli.messages import error, warning
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
-from jaxfem.materials.moduli import MaterialError
+from jaxfem.materials.constants import MaterialError
 from jaxfem.mesh import MeshError
 
 COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info)

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.elements.domains import Clusters, Domains, Part
+from jaxfem.materials.base import Material
 from jaxfem.mesh.groups import body_groups
 
 STRAINS: dict[str, tuple[tuple[str, Part], ...]] = {
@@ -25,6 +26,7 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 def build_domains(
     kind: str,
     part: Part,
+    law: Material,
     chosen: np.ndarray,
     cells: np.ndarray,
     gradients: np.ndarray,
@@ -34,7 +36,7 @@ def build_domains(
     points: np.ndarray,
     dtype: Any,
 ) -> Domains:
-    """Domains of one kind ("element", "edge" or "node") over the `chosen` elements of a model.
+    """Domains of one kind ("element", "edge" or "node") over the `chosen` elements of a model, all of one `law`.
 
     `cells` (E, 4), `gradients` (E, 4, 3), `volumes` (E,), `body` (E,) of all elements, float64; `place` (n,) the rank
     of each node, by which a domain's nodes are sorted; `points` (n, 3).
@@ -61,6 +63,7 @@ def build_domains(
         None if whole else jnp.asarray(members[order], jnp.int32),
         None if whole else jnp.asarray(shares[order], dtype),
         part,
+        law,
         clusters,
     )
 

@@ -82,10 +82,9 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tup
     Soft bodies fold up, and are slow to simulate: the scan ends once the body moves much farther than measured.
     """
     evaluator.stage = "scan"
-    names = evaluator.unknowns.names
-    if "young" not in names:
+    axis = evaluator.unknowns.scanned
+    if axis is None:
         return [(evaluator.loss(evaluator.residual(start)[0]), start)]
-    axis = names.index("young")
     low, high = _range(evaluator, start, axis)
     count = max(3, int(np.ceil((high - low) / np.log(SCAN_RATIO))) + 1)
     points, losses, beyond = [], [], 0
@@ -142,8 +141,7 @@ def _swing(positions: np.ndarray, seen: np.ndarray) -> float:
 
 def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Smoother) -> np.ndarray:
     """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
-    names = evaluator.unknowns.names
-    chosen = np.array([name == "young" for name in names])
+    chosen = np.arange(z.size) == evaluator.unknowns.scanned
     return levenberg_marquardt(evaluator, z, smooth, 4, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
 
 

@@ -19,7 +19,7 @@ from jaxfem.declared.scene import SceneError
 from jaxfem.elements.stress import von_mises_stress
 from jaxfem.energies import energies
 from jaxfem.mesh import locate
-from jaxfem.model import Model, Params, State, per_element
+from jaxfem.model import Model, Params, State, element_stiffness
 
 ENERGIES = ("kinetic", "elastic", "gravity")
 SHORT = 500  # frames that an index lists before it is rewritten less often
@@ -200,8 +200,8 @@ class _Tracked:
 
 @jax.jit
 def _fields(model: Model, params: Params, state: State) -> tuple[Any, Any]:
-    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
-    stress = von_mises_stress(model.elements, state.positions, young, poisson, model.rotation)
+    _, deviatoric = element_stiffness(model, params)
+    stress = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
     return stress, energies(model, params, state)
 
 

@@ -8,9 +8,10 @@ from typing import Any
 from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
 from jaxfem.elements.mass import MASSES
-from jaxfem.io.scene_bodies import BODY_KEYS, read_body
+from jaxfem.io.scene_bodies import body_keys, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
+from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.methods import METHODS
 from jaxfem.model import Model, Params, State
 from jaxfem.schemes import SCHEMES, Scheme
@@ -53,6 +54,12 @@ class SceneFile:
     def duration(self) -> float:
         """Simulated time [s]."""
         return self.dt * self.steps
+
+    @property
+    def constants(self) -> tuple[Constant, ...]:
+        """The constants of the soft bodies' materials, then density."""
+        own = [each for body in self.scene.soft for each in body.made_of.constants]
+        return (*dict.fromkeys(own), DENSITY)
 
     def build(self) -> tuple[Model, Params, State]:
         """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
@@ -118,7 +125,7 @@ def _time(top: Table) -> tuple[Table, Scheme]:
 
 
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
-    soft = [read_body(Table(values, where, BODY_KEYS), folder) for values, where in _listed(top, "body")]
+    soft = [read_body(Table(values, where, body_keys(values, where)), folder) for values, where in _listed(top, "body")]
     rigid = [read_rigid(Table(values, where, RIGID_KEYS), folder) for values, where in _listed(top, "rigid")]
     if not soft and not rigid:
         raise SceneFileError(

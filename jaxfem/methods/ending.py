@@ -8,6 +8,7 @@ from jaxfem.methods.base import Solved
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.schemes import BackwardEuler, scheme_damping
 from jaxfem.system.coupled import advance_rigid
+from jaxfem.system.memory import committed
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -26,6 +27,7 @@ def ended(
         memory=solved.impulses,
         accelerations=accelerations,
         rigid=advance_rigid(model, params, state, solved.velocities, dt),
+        internal=committed(model, params, state, positions, dt),
     )
     info = solved.info
     return following, StepInfo(

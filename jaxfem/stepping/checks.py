@@ -43,13 +43,18 @@ def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any 
     for name, value in (("positions", state.positions), ("velocities", state.velocities), ("forces", forces)):
         if value is not None and jnp.shape(value) != shape:
             raise StepError(f"{name} has shape {jnp.shape(value)}; the model's {shape[0]} nodes need {shape}")
+    if (state.internal is None) == model.has_memory:
+        raise StepError("state.internal belongs to materials with a memory: use the state that build returned")
     _check_params(model, params)
 
 
 def _check_params(model: Model, params: Params) -> None:
     elements, bodies = model.elements.count, len(model.bodies)
-    for name in ("young", "poisson", "density", "damping"):
-        found = jnp.shape(getattr(params, name))
+    if set(params.constants) != set(model.constants):
+        held, wanted = sorted(params.constants), sorted(model.constants)
+        raise StepError(f"params hold the constants {held}; the scene's materials have {wanted}")
+    for name, value in params.constants.items():
+        found = jnp.shape(value)
         if found not in ((), (1,), (bodies,), (elements,)):
             raise StepError(
                 f"{name} has shape {found}; give one number, one for each of the {bodies} bodies, or one for each of "

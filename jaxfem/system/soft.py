@@ -18,6 +18,7 @@ from jaxfem.rows.bounds import Friction
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.memory import step_materials
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
@@ -85,7 +86,7 @@ def step_system(
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        elastic=elastic_rows(model.domains, stage, domain_materials(model, params), model.rotation),
+        elastic=elastic_rows(model.domains, stage, step_materials(model, params, state, dt), model.rotation),
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,

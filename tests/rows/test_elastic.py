@@ -11,7 +11,7 @@ from jaxfem.energies import total_elastic_energy
 from jaxfem.methods.nodes.assembly import assemble_tangent
 from jaxfem.methods.nodes.condensed import condensed_matrix
 from jaxfem.methods.nodes.preconditioner import inverse_blocks
-from jaxfem.model import elementwise, nodal_mass
+from jaxfem.model import domain_materials, nodal_mass
 from jaxfem.system.soft import momentum_gradient, step_system
 from jaxfem.tensors import array_of
 
@@ -131,9 +131,9 @@ def test_tangent_is_the_hessian_of_the_energy(amount, strain):
     v = jnp.asarray(RNG.standard_normal(state.positions.shape))
     exact = jax.jvp(jax.grad(energy), (state.positions,), (v,))[1]
     rotations = [array_of(domain_strain(each, state.positions)[1]) for each in model.domains]
-    material = elementwise(model, params.young), elementwise(model, params.poisson)
+    materials = domain_materials(model, params)
     zero = jnp.zeros(model.nodes)
-    matrix = assemble_tangent(model.domains, state.positions, rotations, *material, zero, model.free, model.pattern)
+    matrix = assemble_tangent(model.domains, state.positions, rotations, materials, zero, model.free, model.pattern)
     found = product(matrix, model.pattern, v)
     np.testing.assert_allclose(found, exact, atol=1e-9 * float(jnp.abs(exact).max()))
 

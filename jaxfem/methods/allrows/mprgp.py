@@ -98,7 +98,7 @@ class _ByImpulses(VelocityCondition):
 class _PairByImpulses(PairCondition):
     """The condition on the nodes and the extra rows' impulses, solved by way of all impulses."""
 
-    def solve(self, inputs: Prepared, guess: Impulses) -> tuple[Any, Any]:
+    def solve(self, inputs: Prepared, guess: Any) -> tuple[Any, Any]:
         """From the last impulses."""
         unknown, info, impulses = _searched(inputs.system, guess)
         return (unknown, named(inputs.system.extra, (impulses[n] for n in inputs.system.extra))), (info, impulses)

@@ -6,7 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import Domains, domain_gradient, domain_stiffness
+from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
 from jaxfem.elements.mass import SharedMass
 from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
@@ -105,8 +105,7 @@ def assemble_tangent(
     domains: Sequence[Domains],
     positions: Array,
     rotations: Sequence[Array],
-    young: Array,
-    poisson: Array,
+    materials: Sequence[DomainMaterial],
     diagonal: Array,
     free: Array,
     pattern: Pattern,
@@ -115,7 +114,7 @@ def assemble_tangent(
     """Hessian of the corotated energy at `positions` (n, 3), with each kind's nearest rotations (3, 3, D).
 
     The exact one may be indefinite; otherwise rotations are held (stiffness warping), which is positive semi-definite.
-    `diagonal` (n,) is added; `young` and `poisson` are () or (E,).
+    `diagonal` (n,) is added; `materials`: one for each kind.
 
     From P = R (2 mu (S - I) + lambda tr(S - I) I), S = R'F, and R'dR = skew(B^-1 2 vex(R'dF)), B = tr(S) I - S:
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
@@ -123,8 +122,8 @@ def assemble_tangent(
     """
     sums = _zero_sums(pattern, positions.dtype)
     factors: list[Factor] = []
-    for number, (each, rotation) in enumerate(zip(domains, rotations, strict=True)):
-        lam, mu = _lame(each, young, poisson)
+    for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
+        lam, mu = _lame(each, material)
         turned = turned_gradients(each, rotation)
         spin = _spin(each, positions, rotation, lam, mu) if exact else None
         if each.clusters is not None:
@@ -136,9 +135,9 @@ def assemble_tangent(
     return assemble(sums, diagonal, free, pattern, factors)
 
 
-def _lame(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
+def _lame(domains: Domains, material: DomainMaterial) -> tuple[Array, Array]:
     """lambda and mu of the domains' part of the strain, times their volumes, (D,) [J]."""
-    volumetric, deviatoric = (v * domains.row_volumes for v in domain_stiffness(domains, young, poisson))
+    volumetric, deviatoric = (v * domains.row_volumes for v in (material.volumetric, material.deviatoric))
     mu = deviatoric / 2
     if domains.volumetric:
         return volumetric / 3, jnp.zeros_like(mu)
