@@ -204,13 +204,14 @@ def read_fields(
 
 
 def _flaw_of_numbers(value: Any, shape: tuple[int, ...], unit: str, positive: bool) -> str:
-    array = np.asarray(value)
+    try:
+        array = np.asarray(value)
+    except ValueError:  # a ragged list
+        array = np.zeros(0)
     if np.issubdtype(array.dtype, np.number) and array.shape == shape and np.isfinite(array).all():
         if not positive or (array > 0).all():
             return ""
     if positive and unit == "m":
         return "lengths must be positive, in m"
-    count = (
-        " ".join(("a positive" if positive else "a finite", "number")) if not shape else f"{shape[0]} finite numbers"
-    )
-    return f"give {count}" + (f" in {unit}" if unit else "")
+    one = "a positive number" if positive else "a finite number"
+    return f"give {f'{shape[0]} finite numbers' if shape else one}" + (f" in {unit}" if unit else "")

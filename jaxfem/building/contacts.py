@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
-from jaxfem.building.meetings import Meeting, meeting_of
+from jaxfem.building.meetings import Meeting, Touching, meeting_of
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.box_edges import MOST, BoxEdges
@@ -80,11 +80,11 @@ def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
 
 
 def points_back_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
-    """Points of a rigid b against a's shape, unless one of them is a single ball, which a's points tell all about."""
+    """Points of a rigid b against a's shape, unless a is a single ball, which tells all by itself."""
     a, b = meeting.a, meeting.b
     if b is None or a.shape is None or b.shape is None or not a.shape.is_obstacle():
         return
-    if not b.shape.is_obstacle() or not (a.is_ball or b.is_ball):
+    if not b.shape.is_obstacle() or not a.is_ball:
         yield _against(meeting, meeting.points_of(b), a.shape, a.number)
 
 
@@ -98,16 +98,22 @@ MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
 """What makes candidates of two partners, in the order of a group's entries; each yields none where it has no part."""
 
 
-def _against(meeting: Meeting, points: Any, shape: Shape, body: int | None) -> ShapeContacts:
+def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None) -> ShapeContacts:
+    """`points` against a shape: that of a rigid body, or ground."""
     count = len(points.radius)
+    numbers = offset = None
+    if body is not None:
+        numbers = np.full(count, body, np.int32)
+        offset = np.tile(meeting.bodies.rigid[body].properties[1], (count, 1))
     return ShapeContacts(
         points.points,
         points.radius,
         shape if shape.shared else _repeated(shape, count),
-        None if body is None else np.full(count, body, np.int32),
+        numbers,
         meeting.margins(points),
         meeting.rough,
         shape.shared,
+        offset=offset,
     )
 
 

@@ -6,6 +6,7 @@ or c = -e (J v)_old, if larger, where an impact is due. Friction rows are bounde
 route sees to that. Pairs that cannot meet are switched off by a zero row.
 """
 
+import dataclasses
 from typing import Any
 
 import jax
@@ -65,8 +66,8 @@ class ShapeContacts(Candidates):
     """Points of bodies against shapes that have a signed distance: rigid bodies' own, or ground.
 
     `points` (m); `radius` (m,) of the ball around each; `shape`: one for all pairs if `shared`, else its leaves lead
-    with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): the shape's
-    origin from the body's centre of mass.
+    with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): their centres of
+    mass from the shapes' origins, in the shapes' frames, None where they are one.
     """
 
     points: Any
@@ -76,6 +77,7 @@ class ShapeContacts(Candidates):
     margin: Any
     rough: bool = static()
     shared: bool = static()
+    offset: Any = dataclasses.field(default=None, kw_only=True)
 
     @property
     def kind(self) -> str:
@@ -107,7 +109,8 @@ class ShapeContacts(Candidates):
         if self.body is None:
             return measure(self.shape, places)
         turn = at.rotations[self.body]
-        gap, normal = measure(self.shape, jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body]))
+        local = jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body])
+        gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
         return gap, jnp.einsum("mij,mj->mi", turn, normal)
 
 
