@@ -5,7 +5,7 @@ from typing import Any
 
 from jaxfem.declared.errors import SceneError, checked_number
 from jaxfem.inputs import Nodes, Number, Text, Vertices, takes
-from jaxfem.rigid.shapes.base import Shape, names_of
+from jaxfem.rigid.shapes.base import Shape, obstacles
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,7 +51,7 @@ class Contact:
 
     def _check_ground(self, ground: Shape) -> None:
         if not ground.is_obstacle():
-            known = names_of(Shape.is_obstacle)
+            known = ", ".join(each.__name__ for each in obstacles())
             raise SceneError(f'"{self.label}" has a {type(ground).__name__} for ground; ground is one of {known}')
         if flaw := ground.flaw(f"the ground of {self.label}"):
             raise SceneError(flaw)

@@ -9,7 +9,7 @@ import numpy as np
 from jaxfem.declared.errors import SceneError, checked_number, checked_vector
 from jaxfem.inputs import Flag, Number, Text, Vector, takes
 from jaxfem.motion import Motion
-from jaxfem.rigid.shapes.base import Shape, names_of
+from jaxfem.rigid.shapes.base import Shape, solids
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +37,7 @@ class RigidBody:
     def __post_init__(self) -> None:
         label = self.label
         if not (isinstance(self.shape, Shape) and self.shape.is_solid()):
-            known = names_of(Shape.is_solid)
+            known = ", ".join(each.__name__ for each in solids())
             raise SceneError(f'shape of "{label}" is a {type(self.shape).__name__}; a rigid body is one of {known}')
         if flaw := self.shape.flaw(label):
             raise SceneError(flaw)

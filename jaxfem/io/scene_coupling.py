@@ -16,7 +16,7 @@ from jaxfem.io.scene_bodies import MOTION_KEYS, read_motion
 from jaxfem.io.selections import select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table
 from jaxfem.mesh import read_surface
-from jaxfem.rigid.shapes import SHAPES, Shape
+from jaxfem.rigid.shapes.base import Shape, obstacles, solids
 
 RIGID_KEYS = ("shape", "rotate", "motion", *inputs_of(RigidBody))
 CONTACT_KEYS = ("ground", *inputs_of(Contact))
@@ -52,7 +52,7 @@ def read_rigid(table: Table, sources: SceneSources) -> RigidBody:
     motion = None
     if "motion" in table:
         motion = read_motion(table.table("motion", MOTION_KEYS, f"'motion' in {table.where}"))
-    shape = _shape(table, "shape", [each for each in SHAPES.classes() if each.is_solid()], sources)
+    shape = _shape(table, "shape", solids(), sources)
     values = read_fields(RigidBody, table, sources)
     if "rotate" in table:
         values["orientation"] = _turn(table)
@@ -74,7 +74,7 @@ def read_contact(table: Table, sources: SceneSources) -> Contact:
         raise SceneFileError(f"{table.where} has {both}: give one of them")
     if "ground" not in table:
         return Contact(**read_fields(Contact, table, sources))
-    ground = _shape(table, "ground", [each for each in SHAPES.classes() if each.is_obstacle()], sources)
+    ground = _shape(table, "ground", obstacles(), sources)
     return Contact(b=ground, **read_fields(Contact, table, sources, left=("b",)))
 
 

@@ -100,9 +100,14 @@ SHAPES: Registry[Shape] = Registry("shape")
 """All shapes by their words."""
 
 
-def names_of(able: Any) -> str:
-    """Names of the registered shapes for which `able(shape)` holds, for messages."""
-    return ", ".join(each.__name__ for each in SHAPES.classes() if able(each))
+def solids() -> list[type[Shape]]:
+    """The registered shapes that can be rigid bodies."""
+    return [each for each in SHAPES.classes() if each.is_solid()]
+
+
+def obstacles() -> list[type[Shape]]:
+    """The registered shapes that can be ground."""
+    return [each for each in SHAPES.classes() if each.is_obstacle()]
 
 
 def length(vector: Array) -> Array:
