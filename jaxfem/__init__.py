@@ -1,7 +1,7 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.building.build import AccuracyWarning, build
+from jaxfem.building import AccuracyWarning, build
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
@@ -12,13 +12,14 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
-from jaxfem.schemes import scheme_damping
+from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, scheme_damping
 from jaxfem.statics import equilibrium
-from jaxfem.stepping.step import StepError, prepare, rollout, step
+from jaxfem.stepping import StepError, impulses, prepare, rollout, step
 from jaxfem.vibration import modes
 
 __all__ = [
     "AccuracyWarning",
+    "BackwardEuler",
     "BallJoint",
     "Box",
     "Capsule",
@@ -29,6 +30,7 @@ __all__ = [
     "Energies",
     "FitError",
     "FitResult",
+    "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
     "Model",
@@ -61,6 +63,7 @@ __all__ = [
     "energies",
     "equilibrium",
     "fit",
+    "impulses",
     "mesh",
     "modes",
     "prepare",

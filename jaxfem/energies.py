@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import elastic_energy
-from jaxfem.model import Model, Params, State, elementwise, mass_coupling, nodal_mass
+from jaxfem.model import Model, Params, State, elementwise, nodal_mass, shared_mass
 from jaxfem.pytrees import Pytree
 from jaxfem.rigid.dynamics import rigid_energies
 
@@ -23,7 +23,7 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
-    coupling = mass_coupling(model, params.density)
+    coupling = shared_mass(model, params.density)
     momentum = mass[:, None] * state.velocities
     momentum = momentum if coupling is None else momentum + coupling.apply(state.velocities)
     kinetic = gravity = jnp.zeros((), state.positions.dtype)

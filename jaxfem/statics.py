@@ -8,13 +8,14 @@ import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import elastic_response
 from jaxfem.loads import FacePressure
+from jaxfem.methods.ending import inverted_elements
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, StepInfo, elementwise
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping.step import StepError, check_call, inverted_elements, typed
+from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
 

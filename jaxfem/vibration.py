@@ -15,7 +15,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.solvers.eigen import lowest_eigenpairs
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping.step import StepError, check_call, typed
+from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.tensors import array_of
 
 Array = jax.Array

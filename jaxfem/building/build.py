@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_method
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
@@ -20,12 +21,10 @@ from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.loads import FacePressure, WeightedForce
 from jaxfem.mesh import locate
 from jaxfem.mesh.groups import body_groups
-from jaxfem.model import Model, Params, State
+from jaxfem.methods import Condensed, Facts, Method
+from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
-from jaxfem.schemes import SCHEMES
-
-ROTATIONS = ("explicit", "implicit")
-SOLVERS = ("auto", "condensed", "direct", "mprgp", "pgs")
+from jaxfem.schemes import Scheme, scheme_of
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
@@ -40,11 +39,11 @@ class AccuracyWarning(UserWarning):
 def build(
     scene: Scene,
     *,
-    solver: str = "auto",
-    scheme: str = "backward_euler",
-    rho_inf: float = 0.8,
+    solver: str | Method = "auto",
+    scheme: str | Scheme = "backward_euler",
+    rho_inf: float | None = None,
     mass: str = "lumped",
-    rotations: str = "explicit",
+    rotation_update: str = "explicit",
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
@@ -52,27 +51,24 @@ def build(
     """Turn a scene into the model, params and initial state that `step` takes.
 
     `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
-    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first where there are soft bodies, the second for rigid bodies
-    alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
-    "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
-    `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs the
-    first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass. `rotations` of
-    the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces: one
-    linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
+    rows), "pgs" (all rows, Gauss-Seidel), a `Method` object, or "auto": the first where there are soft bodies, the
+    second for rigid bodies alone, the third where either would be too dear; `model.method` and `model.choice` say what
+    was taken and why. `scheme`: "backward_euler" (first order, damps what moves fast), "generalized_alpha" (second
+    order; a step leaves the share `rho_inf`, from 0 to 1 and 0.8 without it, of the highest frequencies) or a `Scheme`
+    object. `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs
+    the first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass.
+    `rotation_update`: the elements' rotations are "explicit" (those at the start of the step, or where the second-order
+    scheme expects its forces: one linear solve) or "implicit" (iterated to the end of the step: several solves, for
+    steps in which the body turns
     far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
     1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
     (AccuracyWarning) of known bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
-    _check_choice("solver", solver, SOLVERS)
-    _check_choice("scheme", scheme, SCHEMES)
     _check_choice("mass", mass, MASSES)
-    _check_choice("rotations", rotations, ROTATIONS)
-    if mass != "lumped" and solver == "mprgp":
-        raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
-    if not (isinstance(rho_inf, int | float) and 0 <= rho_inf <= 1):
-        raise SceneError(f"rho_inf is {rho_inf!r}; it is the share of the highest frequencies left by a step, 0 to 1")
+    _check_choice("rotation_update", rotation_update, ROTATION_UPDATES)
+    asked = method_asked(solver, rotation_update)
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
     every = _names(scene.bodies)
@@ -81,16 +77,33 @@ def build(
         _check_body(body, name)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations)
+    made = _scheme(scheme, rho_inf, dtype)
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, made, mass)
     params = _params(scene, bodies, dtype)
     starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
-    impulses = _no_impulses(model) if model.solver == "mprgp" else None
-    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
-    return with_coupling(scene, every, model, params, state, choose=solver == "auto")
+    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
+    model, params, state = with_coupling(scene, every, model, params, state)
+    facts = Facts(
+        soft=bool(bodies),
+        rigid=bool(scene.rigid),
+        tied=bool(model.joints or model.contacts),
+        mass=mass,
+        strains=tuple(dict.fromkeys(body.strain for body in bodies)),
+        scheme=made,
+    )
+    model, state = with_method(Built(facts, model, params, state), asked, rotation_update)
+    return model, params, state
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations) -> Model:
+def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:
+    try:
+        return scheme_of(scheme, dtype, rho_inf=rho_inf)
+    except ValueError as problem:
+        raise SceneError(str(problem)) from None
+
+
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mass) -> Model:
     points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
     own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
@@ -129,12 +142,11 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
         driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),
         max_iterations=jnp.asarray(max_iterations, jnp.int32),
-        rho_inf=jnp.asarray(rho_inf, dtype),
-        solver="condensed" if solver == "auto" else solver,
         scheme=scheme,
+        method=Condensed(),  # until all is known: see `choose.py`
+        choice=Choice("auto", "not chosen yet"),
         rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
         mass=mass,
-        rotations=rotations,
         bodies=tuple(names),
     )
 
@@ -148,14 +160,6 @@ def _domains(bodies, cells, gradients, volumes, body_of_element, place, points, 
         chosen = np.flatnonzero(np.isin(body_of_element, users))
         made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, points, dtype))
     return tuple(made)
-
-
-def _no_impulses(model: Model) -> tuple[jax.Array, ...]:
-    """The row solver's start: a zero for each elastic row."""
-    return tuple(
-        jnp.zeros((each.rows.stop - each.rows.start, len(each.row_volumes)), each.gradients.dtype)
-        for each in model.domains
-    )
 
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:

@@ -7,7 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.elements.domains import Domains
-from jaxfem.model import Pattern
+from jaxfem.elements.pattern import Pattern
 
 
 def solver_order(points: int, groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

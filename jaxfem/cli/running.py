@@ -12,7 +12,7 @@ from jaxfem.cli.progress import Progress
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status, describe
-from jaxfem.stepping.step import rollout, step
+from jaxfem.stepping import rollout, step
 
 
 @dataclasses.dataclass

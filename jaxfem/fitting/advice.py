@@ -57,7 +57,7 @@ def _scheme_damping(
     model: Model, params: Params, unknowns: Unknowns, measured: Measurement, simulated: np.ndarray, dt: float
 ) -> list[str]:
     """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
-    if model.scheme != "backward_euler" or "damping" not in unknowns.names:
+    if model.scheme.order > 1 or "damping" not in unknowns.names:
         return []
     damping = float(jnp.mean(params.damping))
     frequency = ringing_frequency(measured.times, simulated)

@@ -15,7 +15,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.unknowns import physical, with_values
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
-from jaxfem.stepping.step import rollout
+from jaxfem.stepping import rollout
 
 Array = jax.Array
 

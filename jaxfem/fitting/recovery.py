@@ -17,7 +17,7 @@ from jaxfem.fitting.search import Search, find, levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
 from jaxfem.fitting.unknowns import Unknowns, start_values, unknowns, with_values
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping.step import check_call, typed
+from jaxfem.stepping import check_call, typed
 
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
@@ -180,7 +180,7 @@ def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) ->
 def _less_numerical_damping(evaluator: Evaluator, z: np.ndarray) -> np.ndarray:
     """What larger backward Euler steps damped, handed to the material: a mode loses omega (beta + dt) / 2 in all."""
     unknown, plan = evaluator.unknowns, evaluator.plan
-    if "damping" not in unknown.names or evaluator.problem.model.scheme != "backward_euler":
+    if "damping" not in unknown.names or evaluator.problem.model.scheme.order > 1:
         return z
     values = unknown.values(z)
     values["damping"] += float(evaluator.problem.dt) * (plan.every - 1)

@@ -5,17 +5,20 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jaxfem.building.build as building
+from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
+from jaxfem.elements.mass import MASSES
 from jaxfem.io.scene_bodies import BODY_KEYS, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
+from jaxfem.methods import METHODS
 from jaxfem.model import Model, Params, State
+from jaxfem.schemes import SCHEMES, Scheme
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
-TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "rho_inf", "mass", "rotations")
+TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points")
 PRECISIONS = ("float64", "float32")
@@ -25,8 +28,8 @@ PRECISIONS = ("float64", "float32")
 class SceneFile:
     """A scene and how to run it, as its file says.
 
-    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `rho_inf`, `mass`, `rotations`,
-    `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
+    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`,
+    `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
     go; `points`: name -> (x, y, z) [m] of a material point of the undeformed bodies whose path is recorded;
     `source`: the file.
     """
@@ -36,10 +39,9 @@ class SceneFile:
     steps: int
     every: int
     solver: str
-    scheme: str
-    rho_inf: float
+    scheme: Scheme
     mass: str
-    rotations: str
+    rotation_update: str
     tolerance: float | None
     max_iterations: int
     precision: str
@@ -54,13 +56,12 @@ class SceneFile:
 
     def build(self) -> tuple[Model, Params, State]:
         """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
-        return building.build(
+        return build(
             self.scene,
             solver=self.solver,
             scheme=self.scheme,
-            rho_inf=self.rho_inf,
             mass=self.mass,
-            rotations=self.rotations,
+            rotation_update=self.rotation_update,
             dtype=self.precision,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
@@ -82,7 +83,7 @@ def load_scene(path: Any, also: Sequence[str] = ()) -> SceneFile:
 
 
 def _scene_file(top: Table, source: Path) -> SceneFile:
-    time = top.table("time", TIME_KEYS, "[time]")
+    time, scheme = _time(top)
     solver = top.table("solver", SOLVER_KEYS, "[solver]")
     output = top.table("output", OUTPUT_KEYS, "[output]")
     dt = time.number("step", unit="s", positive=True)
@@ -94,11 +95,10 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "dt": dt,
         "steps": _steps(time, dt),
         "every": time.integer("save_every", 1),
-        "scheme": time.choice("scheme", building.SCHEMES, "backward_euler"),
-        "rho_inf": time.number("rho_inf", 0.8),
-        "mass": time.choice("mass", building.MASSES, "lumped"),
-        "rotations": time.choice("rotations", building.ROTATIONS, "explicit"),
-        "solver": solver.choice("method", building.SOLVERS, "auto"),
+        "scheme": scheme,
+        "mass": time.choice("mass", MASSES, "lumped"),
+        "rotation_update": time.choice("rotation_update", ROTATION_UPDATES, "explicit"),
+        "solver": solver.choice("method", ("auto", *METHODS), "auto"),
         "tolerance": tolerance,
         "max_iterations": solver.integer("max_iterations", 20_000),
         "precision": solver.choice("precision", PRECISIONS, "float64"),
@@ -107,6 +107,14 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
     }
     gravity = top.vector("gravity", (0.0, 0.0, -9.81), "m/s^2")
     return SceneFile(scene=_scene(top, source.parent, gravity), source=source, **settings)
+
+
+def _time(top: Table) -> tuple[Table, Scheme]:
+    """The [time] table, and the scheme that it names with the numbers that it gives for it."""
+    word = top.table("time", None, "[time]").choice("scheme", tuple(SCHEMES), "backward_euler")
+    numbers = [field.name for field in dataclasses.fields(SCHEMES[word])]
+    time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
+    return time, SCHEMES[word](**{name: time.number(name) for name in numbers if name in time})
 
 
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:

@@ -8,7 +8,7 @@ For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alp
 taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
-from typing import Any
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -52,6 +52,14 @@ class JointRows(Pytree):
         raise NotImplementedError(f"{type(self).__name__} has no rows: define them")
 
 
+@runtime_checkable
+class Pulling(Protocol):
+    """Joint rows whose pull has to be felt as geometric stiffness."""
+
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What forces (m, r) [N] add to the angular mass of the bodies that they pull on, (b, 3, 3)."""
+
+
 def spring_rows(
     gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage
 ) -> PointRows:
@@ -77,6 +85,10 @@ class PointLock(JointRows):
         """Gap: from a to b."""
         gap = difference(self.a.placed(at), self.b.placed(at))
         return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
+
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What its last forces (m, 3) [N] add to the angular mass of the bodies that it pulls on, (b, 3, 3)."""
+        return tension_stiffness(self, force, at)
 
 
 class LineLock(JointRows):

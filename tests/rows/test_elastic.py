@@ -42,7 +42,7 @@ def system_of(model, params, state, dt=1e-2):
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_apply_and_transpose_are_adjoint(dtype, strain):
     system = system_of(*deformed(dtype, strain=strain))
-    for rows in system.rows:
+    for rows in system.elastic:
         v = jnp.asarray(RNG.standard_normal(system.target.shape), dtype)
         lam = jnp.asarray(RNG.standard_normal(rows.bias.shape), dtype)
         left, right = jnp.vdot(rows.apply(v), lam), jnp.vdot(v, rows.apply_transpose(lam))
@@ -55,7 +55,7 @@ def test_apply_and_transpose_are_adjoint(dtype, strain):
 def test_diagonal_is_that_of_the_operator(strain):
     system = system_of(*deformed(cells=(2, 1, 1), strain=strain))
     inverse_mass = system.free / system.mass
-    for rows in system.rows:
+    for rows in system.elastic:
         basis = jnp.eye(rows.bias.size).reshape(-1, *rows.bias.shape)
         columns = jax.vmap(lambda lam, r=rows: r.apply(inverse_mass[:, None] * r.apply_transpose(lam)))(basis)
         exact = jnp.diagonal(columns.reshape(rows.bias.size, -1)).reshape(rows.bias.shape)

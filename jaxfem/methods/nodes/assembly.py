@@ -7,9 +7,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import Domains, domain_gradient, domain_stiffness
-from jaxfem.elements.mass import MassCoupling
+from jaxfem.elements.mass import SharedMass
+from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
-from jaxfem.model import Pattern
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.elastic import ElasticRows, turned_gradients
 from jaxfem.tensors import (
@@ -72,7 +72,7 @@ def assemble(
 
 
 def assemble_rows(
-    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: MassCoupling | None = None
+    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: SharedMass | None = None
 ) -> BlockMatrix:
     """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `coupling` what M has beside it."""
     sums = _zero_sums(pattern, mass.dtype) if coupling is None else coupling.blocks(pattern.pair_count)
