@@ -6,11 +6,9 @@ is for Python alone. A new kind of value is a subclass of `Input`, wherever it i
 
 import dataclasses
 from collections.abc import Iterable
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, ClassVar, Protocol, dataclass_transform
 
 import numpy as np
-
-T = TypeVar("T")
 
 REQUIRED: Any = object()  # a default that says: there is none
 SURFACE_KEYS = ("file", "scale")
@@ -167,7 +165,7 @@ class Vertices(Input):
 class Nested(Input):
     """A declaration inside another: a table of its own. It may be left out."""
 
-    made: type = dataclasses.field(default=object)
+    made: type
     example: ClassVar[str] = "{ ... }"
 
     def read(self, table: TableLike, key: str, default: Any, sources: Sources) -> Any:
@@ -176,6 +174,15 @@ class Nested(Input):
             return default
         inner = table.table(key, inputs_of(self.made), f"{key!r} in {table.where}")
         return self.made(**read_fields(self.made, inner, sources))
+
+
+@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
+class Declared:
+    """Base class: each subclass is a frozen dataclass, equal to itself alone."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        dataclasses.dataclass(frozen=True, eq=False)(cls)
 
 
 def takes(value: Input) -> dict[str, Input]:

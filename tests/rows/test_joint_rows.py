@@ -12,11 +12,11 @@ from jaxfem.rows.attachments import Configuration, RigidFrame, RigidPoint, SoftP
 from jaxfem.rows.contact import ShapeContacts, tangents
 from jaxfem.rows.coordinates import Angle, Separation, Travel
 from jaxfem.rows.locks import FrameLock, LineLock, PointLock, Softness, tension_stiffness
-from jaxfem.schemes import backward_euler_stage
+from jaxfem.schemes import Stage
 
 RNG = np.random.default_rng(5)
 NODES, BODIES = 4, 3
-STAGE = backward_euler_stage(None, None, 1.0)
+STAGE = Stage(None, None, None, None, 1.0, 1.0, 1.0)  # the end of a step of 1 s
 RIGID = Softness(jnp.zeros(2), jnp.zeros(2))
 
 

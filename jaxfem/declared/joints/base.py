@@ -9,12 +9,12 @@ frozen dataclass and registers itself under the word that scene files call it.
 
 import dataclasses
 from collections.abc import Iterator, Mapping
-from typing import Any, NamedTuple, Protocol, dataclass_transform
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from jaxfem.declared.errors import SceneError, checked_number
-from jaxfem.inputs import Number, Text, takes
+from jaxfem.inputs import Declared, Number, Text, takes
 from jaxfem.registry import Registry
 from jaxfem.rows.attachments import Frame, Point
 from jaxfem.rows.locks import JointRows, Softness
@@ -46,8 +46,7 @@ class Part(NamedTuple):
     values: Any
 
 
-@dataclass_transform(frozen_default=True, eq_default=False, field_specifiers=(dataclasses.field,))
-class Joint:
+class Joint(Declared):
     """What all joints share: bodies, `compliance` [m/N, rad/(N m)] and `damping` [N s/m, N m s] (0: rigid), a name.
 
     A subclass gives the word of its `kind` in scene files, and further words with the fields that they fix in
@@ -64,7 +63,6 @@ class Joint:
         cls, kind: str | None = None, variants: Mapping[str, Mapping[str, Any]] | None = None, **kwargs: Any
     ) -> None:
         super().__init_subclass__(**kwargs)
-        dataclasses.dataclass(frozen=True, eq=False)(cls)
         if kind is None:
             return
         if cls.parts is Joint.parts:
@@ -93,8 +91,6 @@ class Joint:
         """The rows that it is made of; `where` names it in errors."""
         raise NotImplementedError(f"{type(self).__name__} does not say which rows it is made of")
 
-
-dataclasses.dataclass(frozen=True, eq=False)(Joint)
 
 JOINTS: Registry[Joint] = Registry("joint kind")
 """All joints by their words."""
