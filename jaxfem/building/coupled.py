@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex, rigid_parts
 from jaxfem.building.contacts import contact_parts
-from jaxfem.building.joints import joint_parts
+from jaxfem.building.row_groups import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.model import Model, Params, State

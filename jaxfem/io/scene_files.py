@@ -9,7 +9,7 @@ from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
 from jaxfem.elements.mass import MASSES
 from jaxfem.io.scene_bodies import body_keys, read_body
-from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, read_contact, read_joint, read_rigid
+from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.methods import METHODS
@@ -126,15 +126,14 @@ def _time(top: Table) -> tuple[Table, Scheme]:
 
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
     soft = [read_body(Table(values, where, body_keys(values, where)), folder) for values, where in _listed(top, "body")]
-    rigid = [read_rigid(Table(values, where, RIGID_KEYS), folder) for values, where in _listed(top, "rigid")]
+    sources = SceneSources(folder, soft)
+    rigid = [read_rigid(Table(values, where, RIGID_KEYS), sources) for values, where in _listed(top, "rigid")]
     if not soft and not rigid:
         raise SceneFileError(
             "the scene holds no body: add a table [[body]] with mesh, young, poisson and density, or a [[rigid]] one"
         )
-    joints = [read_joint(values, where, soft) for values, where in _listed(top, "joint")]
-    contacts = [
-        read_contact(Table(values, where, CONTACT_KEYS), soft, folder) for values, where in _listed(top, "contact")
-    ]
+    joints = [read_joint(values, where, sources) for values, where in _listed(top, "joint")]
+    contacts = [read_contact(Table(values, where, CONTACT_KEYS), sources) for values, where in _listed(top, "contact")]
     return Scene([*soft, *rigid], gravity, joints, contacts)
 
 

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
+from jaxfem.rigid.dynamics import angular_momentum
 from jaxfem.rows.triangles import nearest_triangle
 
 NOTHING = (0.0, 0.0, 0.0)
@@ -121,6 +122,17 @@ def test_rigid_shapes_rest_on_one_another(above, below, height):
     resting(top, bottom, height)
 
 
+def test_a_ball_named_second_does_not_fall_through_a_box():
+    box = jf.RigidBody(jf.Box((1, 1, 0.2)), mass=1.0, fixed=True, name="box")
+    ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0.1, 0, 0.22), name="ball")
+    scene = jf.Scene([box, ball], contacts=[jf.Contact(box, ball)])
+    model, params, state = jf.build(scene, tolerance=1e-9)
+    assert set(model.contacts) == {"rough rigid-rigid sphere", "rough rigid-rigid box"}
+    states, info = jf.rollout(model, params, state, 1e-2, 80)
+    assert not info.status.any()
+    np.testing.assert_allclose(states.rigid.positions[-1, 1], (0.1, 0, 0.2), atol=1e-4)
+
+
 def test_colliding_rigid_bodies_keep_their_momentum():
     rng = np.random.default_rng(4)
     first = jf.RigidBody(jf.Box((0.2, 0.3, 0.2)), mass=1.0, velocity=(1.0, 0.1, 0), angular_velocity=rng.normal(size=3))
@@ -132,7 +144,7 @@ def test_colliding_rigid_bodies_keep_their_momentum():
 
     def momenta(rigid):
         linear = mass * rigid.velocities
-        spin = jf.bodies.rigid.angular_momentum(model.rigid, params.rigid.mass, rigid)
+        spin = angular_momentum(model.rigid, params.rigid.mass, rigid)
         return jnp.sum(linear, 0), jnp.sum(spin + jnp.cross(rigid.positions, linear), 0)
 
     linear, angular = jax.vmap(momenta)(states.rigid)
