@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxfem.declared import (
     BallJoint,
@@ -156,6 +155,8 @@ def _one_of(table: Table, key: str, kinds: dict[str, tuple], example: str) -> tu
 
 
 def _turn(table: Table) -> tuple[float, ...]:
+    from scipy.spatial.transform import Rotation  # slow to import: only where a body is turned
+
     turn = table.table("rotate", ("axis", "degrees"), f"'rotate' in {table.where}")
     axis = np.array(turn.vector("axis"))
     if not axis.any():
