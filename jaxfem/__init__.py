@@ -5,6 +5,7 @@ from jaxfem.building.build import AccuracyWarning, build
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.mesh import TetMesh
@@ -24,6 +25,7 @@ __all__ = [
     "Capsule",
     "Contact",
     "Cylinder",
+    "Diagnosis",
     "DistanceJoint",
     "Driven",
     "Energies",
@@ -58,6 +60,7 @@ __all__ = [
     "TriangleMesh",
     "WeldJoint",
     "build",
+    "diagnose",
     "energies",
     "equilibrium",
     "fit",
