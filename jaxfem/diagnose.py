@@ -177,16 +177,19 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
         advice = f"{advice}; it has a compliance, which lets it give: lower it" if soft else advice
         text = f'joint "{name}" is open by {amount:.3g} {unit} (rows "{label}")'
         yield Finding("open", name, float(amount), text, advice if share > OPEN else "")
-    gaps = []
+    deepest = min(_nearest(model, at), default=(0.0, "", ""))
+    if deepest[0] < 0:
+        depth, name, label = -deepest[0], *deepest[1:]
+        advice = "see that the bodies do not start inside each other; take a smaller time step or a larger margin"
+        text = f'contact "{name}" is {depth:.3g} m deep (rows "{label}")'
+        yield Finding("deep", name, depth, text, advice if depth > DEEP * size else "")
+
+
+def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:
+    """The least gap [m] of each group of contacts, its contact's name and its group's."""
     for label, candidates in model.contacts.items():
         gap = np.asarray(candidates.pairs(at).gap)
-        nearest = int(np.argmin(gap))
-        gaps.append((float(gap[nearest]), candidates.names[nearest], label))
-    if gaps and min(gaps)[0] < 0:
-        gap, name, label = min(gaps)
-        advice = "see that the bodies do not start inside each other; take a smaller time step or a larger margin"
-        text = f'contact "{name}" is {-gap:.3g} m deep (rows "{label}")'
-        yield Finding("deep", name, -gap, text, advice if -gap > DEEP * size else "")
+        yield float(gap.min()), candidates.names[int(gap.argmin())], label
 
 
 def _violation(rows: Any) -> np.ndarray:

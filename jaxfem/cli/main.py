@@ -85,7 +85,7 @@ def _show_warnings_briefly() -> None:
 
     Of programs that cannot be kept (a disk that is full) the first is told, not each.
     """
-    usual, lost = warnings.showwarning, []
+    usual, lost = warnings.showwarning, list[Any]()
 
     def show(message: Any, category: type[Warning], *rest: Any, **more: Any) -> None:
         if issubclass(category, jaxfem.AccuracyWarning):

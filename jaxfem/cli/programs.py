@@ -11,6 +11,7 @@ import jax
 from jaxfem.cli.messages import warning
 
 SWITCH = "JAXFEM_CACHE"  # environment: a folder of one's own, or "off"
+FOLDER = "jax_compilation_cache_dir"  # JAX's own setting; JAX_COMPILATION_CACHE_DIR sets it too
 OFF = ("off", "0", "no", "false")
 LARGEST = 1 << 30  # bytes; a program takes 1 kB to some MB
 
@@ -25,7 +26,7 @@ def keep_programs(wanted: bool = True) -> Path | None:
     if not wanted or chosen.lower() in OFF:
         jax.config.update("jax_enable_compilation_cache", False)
         return None
-    if jax.config.jax_compilation_cache_dir is not None:  # type: ignore[attr-defined]
+    if getattr(jax.config, FOLDER) is not None:
         return None
     try:
         folder = Path(chosen).expanduser() if chosen else cache_folder(os.environ, sys.platform) / "programs"
@@ -36,7 +37,7 @@ def keep_programs(wanted: bool = True) -> Path | None:
     except (OSError, RuntimeError) as problem:  # RuntimeError: no home folder
         warning(f"compiled programs are not kept: {problem}. Name another folder with {SWITCH}, or {SWITCH}=off")
         return None
-    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update(FOLDER, str(folder))
     # Hundreds of small programs take seconds together: keep them all.
     jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
     jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
