@@ -1,7 +1,8 @@
 """The `jaxfem` command. Each subcommand is a module with `add(subparsers)` and `run(args) -> exit code`.
 
-`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`. Exit codes: 0 done, 2 a mistake in the
-input, 3 a computation that failed, 130 interrupted.
+`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`, with `kept=False` where it must compile
+anew what earlier runs have kept. Exit codes: 0 done, 2 a mistake in the input, 3 a computation that failed, 130
+interrupted.
 """
 
 import argparse
@@ -43,7 +44,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     debug = given["--debug"]
     args = parser().parse_args([word for word in words if word not in given])
     if argv is None:
-        keep_programs(not given["--no-cache"])
+        keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
         warnings.simplefilter("always", jaxfem.AccuracyWarning)
         _show_warnings_briefly()
@@ -67,6 +68,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument("--version", action="version", version=f"jaxfem {metadata.version('jaxfem')}")
     made.add_argument("--debug", action="store_true", help="show where an error comes from")
     made.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none (JAXFEM_CACHE)")
+    made.set_defaults(kept=True)
     subparsers = made.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(subparsers)

@@ -9,7 +9,7 @@ from pathlib import Path
 import jax
 import pytest
 
-from jaxfem.cli import programs
+from jaxfem.cli import bench, programs
 from jaxfem.cli.main import _show_warnings_briefly, main, parser
 
 SETTINGS = (
@@ -116,6 +116,14 @@ def test_those_used_longest_ago_go_first(tmp_path):
 def test_a_callers_process_is_left_alone(bare, capsys):
     assert main(["mesh", "info", "none.msh"]) == 2 and settings() == bare
     assert parser().parse_args(["--no-cache", "mesh", "info", "x"]).no_cache
+
+
+@pytest.mark.parametrize(("words", "on"), [(["mesh", "info", "none.msh"], True), (["bench"], False)])
+def test_the_processs_own_command_line_keeps_them_unless_it_times_compiling(bare, monkeypatch, words, on):
+    monkeypatch.setattr(sys, "argv", ["jaxfem", *words])
+    monkeypatch.setattr(bench, "measure", lambda *_: (_ for _ in ()).throw(OSError("measured")))
+    assert main() == 2  # the mesh is missing; the benchmark is cut short
+    assert jax.config.jax_enable_compilation_cache is on and (jax.config.jax_compilation_cache_dir is not None) is on
 
 
 def test_a_second_run_compiles_nothing(tmp_path):
