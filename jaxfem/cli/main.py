@@ -1,7 +1,7 @@
 """The `jaxfem` command. Each subcommand is a module with `add(subparsers)` and `run(args) -> exit code`.
 
-`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`, with `kept=False` where it must compile
-anew what earlier runs have kept. Exit codes: 0 done, 2 a mistake in the input, 3 a computation that failed, 130
+`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`, with `kept=False` where what earlier
+runs have compiled must not be used. Exit codes: 0 done, 2 a mistake in the input, 3 a computation that failed, 130
 interrupted.
 """
 
