@@ -5,6 +5,7 @@ from jaxfem.building import AccuracyWarning, build
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
@@ -29,6 +30,7 @@ __all__ = [
     "Constant",
     "Contact",
     "Cylinder",
+    "Diagnosis",
     "DistanceJoint",
     "Driven",
     "Energies",
@@ -68,6 +70,7 @@ __all__ = [
     "TriangleMesh",
     "WeldJoint",
     "build",
+    "diagnose",
     "energies",
     "equilibrium",
     "fit",

@@ -21,7 +21,7 @@ LAYERS = [
     ["system", "energies"],
     ["methods"],
     ["stepping", "building"],
-    ["statics", "vibration"],
+    ["statics", "vibration", "diagnose"],
     ["fitting"],
     ["io"],
     ["cli"],

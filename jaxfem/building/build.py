@@ -22,6 +22,7 @@ from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
+from jaxfem.pytrees import on_device
 from jaxfem.schemes import Scheme, scheme_of
 from jaxfem.system.memory import first_memory
 
@@ -114,10 +115,10 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
-        jnp.asarray(cells, jnp.int32),
+        on_device(cells, jnp.int32),
         jnp.asarray(gradients.transpose(1, 2, 0), dtype),
         jnp.asarray(volumes, dtype),
-        jnp.asarray(body_of_element, jnp.int32),
+        on_device(body_of_element, jnp.int32),
     )
     if tolerance is None:
         tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
@@ -130,13 +131,13 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
         elements=elements,
         domains=domains,
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
-        node_body=jnp.asarray(node_body, jnp.int32),
+        node_body=on_device(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
         pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
-        driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
+        driven=tuple(on_device(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),
         max_iterations=jnp.asarray(max_iterations, jnp.int32),
         scheme=scheme,
@@ -157,7 +158,7 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
 
     return Params(
         constants=body_constants(bodies, dtype),
-        gravity=jnp.asarray(scene.gravity, dtype),
+        gravity=on_device(scene.gravity, dtype),
         loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
         motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
     )

@@ -7,12 +7,14 @@ residuals are first smoothed over a long time, then over a shorter one, then tak
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import optax
 
 from jaxfem.fitting.evaluation import Evaluator
+
+if TYPE_CHECKING:  # slow to import: only where its steps are asked for
+    import optax
 
 SCAN_RATIO = 2.0
 JUMPS = 6
@@ -35,7 +37,7 @@ class Search:
     descent: int = 0
     polish: int = 40
     tol: float = 1e-6
-    optimizer: optax.GradientTransformation | None = None
+    optimizer: "optax.GradientTransformation | None" = None
 
 
 def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.ndarray:
@@ -149,6 +151,8 @@ def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Smoother, search: Sear
     """An optax optimiser on the logarithm of the smoothed loss: steps of a set size, blind to bad scaling."""
     if search.descent == 0:
         return z
+    import optax
+
     optimizer = search.optimizer or optax.adam(0.15, b1=0.7, b2=0.9)
     low, high = evaluator.unknowns.box
     state, best, lowest, idle = optimizer.init(z), z, np.inf, 0

@@ -5,7 +5,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
@@ -160,6 +159,8 @@ def _cell_counts(mesh: Table) -> Any:
 def _placed(table: Table, mesh: TetMesh) -> TetMesh:
     """The mesh turned (`rotate`, about its `center`, the origin by default), then moved by `position`."""
     if "rotate" in table:
+        from scipy.spatial.transform import Rotation  # slow to import: only where a body is turned
+
         turn = table.table("rotate", ("axis", "degrees", "center"), f"'rotate' in {table.where}")
         axis = np.array(turn.vector("axis"))
         length = np.linalg.norm(axis)

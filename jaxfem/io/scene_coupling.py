@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxfem.declared import Contact, Joint, RigidBody
 from jaxfem.declared.joints import JOINTS
@@ -94,6 +93,8 @@ def _shape(table: Table, key: str, kinds: Sequence[type[Shape]], sources: SceneS
 
 
 def _turn(table: Table) -> tuple[float, ...]:
+    from scipy.spatial.transform import Rotation  # slow to import: only where a body is turned
+
     turn = table.table("rotate", ("axis", "degrees"), f"'rotate' in {table.where}")
     axis = np.array(turn.vector("axis"))
     if not axis.any():
