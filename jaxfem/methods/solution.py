@@ -9,7 +9,7 @@ import jax.numpy as jnp
 from jaxfem.methods.allrows.dual import solve_dual
 from jaxfem.methods.nodes.bounded import pair_gradient, solve_bounded, solve_pair_tangent
 from jaxfem.methods.nodes.condensed import solve_condensed, solve_linear
-from jaxfem.solvers.implicit import or_nan, piecewise_linear_solution, unless_zero
+from jaxfem.solvers.implicit import implicit_solution, or_nan, unless_zero
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, extra_rows, merged, momentum_gradient
 
@@ -24,11 +24,9 @@ def solve_system(system: System, route: str, velocities: Array, impulses: Any) -
     """
     if not extra_rows(system):
         guess = impulses if route == "mprgp" else velocities
-        unknown, (info, found) = piecewise_linear_solution(_Velocities(route), system, guess)
+        unknown, (info, found) = implicit_solution(_Velocities(route), system, guess)
         return merged(system, unknown), found, info
-    (unknown, own), (info, found) = piecewise_linear_solution(
-        _Pair(route, not system.friction), system, (velocities, impulses)
-    )
+    (unknown, own), (info, found) = implicit_solution(_Pair(route, not system.friction), system, (velocities, impulses))
     if route == "condensed" and impulses is not None:
         found = own
     return merged(system, unknown), found, info
