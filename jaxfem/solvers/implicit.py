@@ -13,7 +13,7 @@ from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 
-__all__ = ["SOLUTION", "Condition", "implicit_solution", "or_nan", "unless_zero"]
+__all__ = ["SOLUTION", "Condition", "implicit_solution", "or_nan", "tangent_solution", "unless_zero"]
 
 
 class Condition(Protocol):
@@ -45,38 +45,52 @@ def implicit_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[An
     """
 
     def tangent(unknown: Any, info: Any, arguments: tuple, pushed: Any) -> Any:
+        inputs, _ = arguments
         # gradient(inputs, unknown) = 0   =>   H d unknown = -(d gradient / d inputs) d inputs
         right = pushed(lambda inputs, guess: condition.gradient(inputs, unknown))
-        return jax.tree.map(jnp.negative, _hessian_solve(condition, arguments[0], unknown, right))
+        held = jax.lax.stop_gradient((inputs, unknown))
+        return tangent_solution(
+            lambda u: condition.gradient(inputs, u),
+            unknown,
+            right,
+            lambda matvec, vector: condition.tangent_solve(*held, vector, matvec),
+            condition.symmetric,
+        )
 
     return solved(condition.solve, tangent, inputs, jax.lax.stop_gradient(guess))
 
 
-def _hessian_solve(condition: Condition, inputs: Any, unknown: Any, right: Any) -> Any:
-    """H^-1 right, with H the derivative of the gradient in the unknown; a primitive that JAX can differentiate."""
+def tangent_solution(
+    gradient: Callable[[Any], Any],
+    unknown: Any,
+    right: Any,
+    solve: Callable[[Callable[[Any], Any], Any], Any],
+    symmetric: bool,
+) -> Any:
+    """-H^-1 right, with H the derivative of `gradient` at the unknown; a primitive that JAX can differentiate.
 
+    `solve(matvec, right)` finds H^-1 right, or H'^-1 right where it is given products with that.
+    """
     # One flat vector: JAX cannot transpose a linear solve when only some leaves of its right-hand side have a tangent.
     vector, shaped = ravel_pytree(right)
 
     def hessian(direction: Array) -> Array:
-        return ravel_pytree(jax.jvp(lambda u: condition.gradient(inputs, u), (unknown,), (shaped(direction),))[1])[0]
+        return ravel_pytree(jax.jvp(gradient, (unknown,), (shaped(direction),))[1])[0]
 
-    def solve(matvec: Callable[[Array], Array], flat: Array) -> Array:
+    def flat_solve(matvec: Callable[[Array], Array], flat: Array) -> Array:
         def shaped_matvec(direction: Any) -> Any:
             return shaped(matvec(ravel_pytree(direction)[0]))
 
-        held = jax.lax.stop_gradient((inputs, unknown))
-        return ravel_pytree(condition.tangent_solve(*held, shaped(flat), shaped_matvec))[0]
+        return ravel_pytree(solve(shaped_matvec, shaped(flat)))[0]
 
-    return shaped(
-        jax.lax.custom_linear_solve(hessian, vector, solve, transpose_solve=solve, symmetric=condition.symmetric)
-    )
+    found = jax.lax.custom_linear_solve(hessian, -vector, flat_solve, transpose_solve=flat_solve, symmetric=symmetric)
+    return shaped(found)
 
 
 def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
     """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
 
-    That is so whenever a solution is computed but not differentiated, and setting up a system may be half the work.
+    That is so for steps that what is differentiated does not depend on, and setting up a system may be half the work.
     """
 
     def nothing(inputs: Any, right: Any) -> tuple[Any, SolveInfo]:

@@ -6,18 +6,19 @@ them: the problem is solved with bounds from the last normal impulses until thes
 of the coupled problem (Haslinger's fixed point, 1983; not of the relaxed convex one).
 """
 
+from functools import partial
 from typing import Any
 
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.methods.allrows.elimination import pushed, search_by_elimination
 from jaxfem.methods.allrows.factor import row_preconditioner
 from jaxfem.methods.allrows.gauss_seidel import projected_step, search_by_sweeps
 from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
-from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.differentiation import solved
+from jaxfem.solvers.implicit import tangent_solution
 from jaxfem.solvers.mprgp import mprgp_loop
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
@@ -45,33 +46,36 @@ def solve_rows(system: System, guess: Impulses, solver: str = "mprgp") -> tuple[
     if not system.rows:  # free flight
         zero = jnp.int32(0)
         return _velocities(system, ()), (SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero), ())
-    held = jax.lax.stop_gradient((system, guess))
     cone = solver == "pgs" and bool(system.friction)
-    found, (sides, reached), info = jax.lax.stop_gradient(_search(*held, solver))
-    found, sides, reached = checkpoint_name((found, sides, reached), SOLUTION)
-    operator, right, diagonal = row_operator(system)
-    weights = jax.lax.stop_gradient(diagonal)
 
-    def condition(unknown: Impulses) -> Impulses:
-        residual = trees.minus(operator(_settled(system, sides, unknown)), right)
-        if cone:
-            residual = _cone_condition(system, _settled(system, sides, unknown), residual, weights)
-        return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
+    def solve(system: System, guess: Impulses) -> tuple[Impulses, Any]:
+        found, (sides, reached), info = _search(system, guess, solver)
+        return found, (sides, reached, info)
 
-    here = condition(found)
-    change = trees.minus(here, jax.lax.stop_gradient(here))
-    correction = jax.lax.custom_linear_solve(
-        lambda direction: jax.jvp(condition, (found,), (direction,))[1],
-        change,
-        lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
-        transpose_solve=lambda matvec, vector: _tangent(matvec, vector, weights, sides, held[0]),
-        symmetric=not system.friction,
-    )
-    impulses = _settled(system, sides, trees.minus(found, correction))
+    def tangent(found: Impulses, rest: Any, arguments: tuple, pushed: Any) -> Any:
+        system, sides = arguments[0], rest[0]
+        right = pushed(lambda system, guess: _condition(system, sides, cone, found))
+        held = jax.lax.stop_gradient(system)
+        return tangent_solution(
+            partial(_condition, system, sides, cone), found, right, partial(_tangent, held, sides), not system.friction
+        )
+
+    found, (sides, reached, info) = solved(solve, tangent, system, jax.lax.stop_gradient(guess))
+    impulses = _settled(system, sides, found)
     velocities = _velocities(system, impulses)
     if reached is not None:  # the same velocities, but for rounding
         velocities = velocities + jax.lax.stop_gradient(reached - velocities)
     return velocities, (info, impulses)
+
+
+def _condition(system: System, sides: Any, cone: bool, unknown: Impulses) -> Impulses:
+    """Zero at the impulses found: A lam - b, and the unknown itself on rows at a bound, where its value is not used."""
+    operator, right, diagonal = row_operator(system)
+    weights, settled = jax.lax.stop_gradient(diagonal), _settled(system, sides, unknown)
+    residual = trees.minus(operator(settled), right)
+    if cone:
+        residual = _cone_condition(system, settled, residual, weights)
+    return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
 
 
 def row_operator(system: System) -> tuple[Any, Impulses, Impulses]:
@@ -157,8 +161,11 @@ def _friction_rounds(system: System, once: Any, guess: Impulses) -> tuple[Impuls
         _, _, info, _, moved, rounds, _ = carry
         return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (info.status == 0)
 
-    start = (guess, None, None, friction_radii(system, guess), None, jnp.int32(0), jnp.int32(0))
-    found, sides, info, _, moved, _, total = jax.lax.while_loop(running, trip, trip(start))
+    # Into the loop as if a round had been made, so that it is compiled once.
+    radii, zero = friction_radii(system, guess), jnp.int32(0)
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, guess, radii))
+    start = (guess, *blank[1:], radii, jnp.full((), jnp.inf, system.target.dtype), zero, zero)
+    found, sides, info, _, moved, _, total = jax.lax.while_loop(running, trip, start)
     unsettled = (moved > FRICTION_SLACK * system.tolerance) & (info.status == 0)
     status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), info.status).astype(jnp.int32)
     return found, sides, info.replace(iterations=total, status=status)
@@ -204,8 +211,9 @@ def _settled(system: System, sides: Any, unknown: Impulses) -> Impulses:
     )
 
 
-def _tangent(matvec: Any, vector: Impulses, weights: Impulses, sides: Any, system: System) -> Impulses:
+def _tangent(system: System, sides: Any, matvec: Any, vector: Impulses) -> Impulses:
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
+    weights = row_operator(system)[2]
     if system.elimination is None:
         scaled = lambda residual: jax.tree.map(jnp.divide, residual, weights)  # noqa: E731
     else:
