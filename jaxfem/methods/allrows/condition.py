@@ -5,11 +5,11 @@
 them. The searches (`mprgp.py`, `direct.py`, `sweeps.py`) find the impulses; the rest is the same for all.
 """
 
+from functools import partial
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
-from jax.ad_checkpoint import checkpoint_name
 
 from jaxfem.methods.allrows.cone import projected_step
 from jaxfem.methods.allrows.factor import row_preconditioner
@@ -19,7 +19,8 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rows.bounds import Impulses, named, placed_at_bounds
 from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
-from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.differentiation import solved
+from jaxfem.solvers.implicit import tangent_solution
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.soft import System
@@ -59,40 +60,41 @@ def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> So
         zero = jnp.int32(0)
         info = SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero)
         return Solved(velocities_from(system, named((), ())), named((), ()), info)
-    held = jax.lax.stop_gradient((system, guess))
-    best = jax.lax.stop_gradient(search.found(held[0], plan, row_operator(held[0]), held[1]))
-    found, sides, reached = checkpoint_name((best.impulses, best.sides, best.velocities), SOLUTION)
-    operator = row_operator(system)
-    weights = jax.lax.stop_gradient(operator.diagonal)
     cone = search.cone and bool(system.friction)
 
-    def settled(unknown: Impulses) -> Impulses:
-        return placed_at_bounds(system.rows, system.friction, sides, unknown)
+    def solve(system: System, plan: Any, guess: Impulses) -> tuple[Impulses, Any]:
+        best = search.found(system, plan, row_operator(system), guess)
+        return best.impulses, (best.sides, best.velocities, best.info)
 
-    def condition(unknown: Impulses) -> Impulses:
-        residual = trees.minus(operator.apply(settled(unknown)), operator.right)
-        if cone:
-            residual = _cone_condition(system, settled(unknown), residual, weights)
-        return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
+    def tangent(found: Impulses, rest: Any, arguments: tuple, pushed: Any) -> Any:
+        system, plan, _ = arguments
+        sides = rest[0]
+        right = pushed(lambda system, plan, guess: _condition(system, sides, cone, found))
+        return tangent_solution(
+            partial(_condition, system, sides, cone),
+            found,
+            right,
+            partial(_tangent, jax.lax.stop_gradient(system), plan, sides),
+            not system.friction,
+        )
 
-    here = condition(found)
-    change = trees.minus(here, jax.lax.stop_gradient(here))
-
-    def solve(matvec: Any, vector: Impulses) -> Impulses:
-        return _tangent(matvec, vector, weights, sides, held[0], plan)
-
-    correction = jax.lax.custom_linear_solve(
-        lambda direction: jax.jvp(condition, (found,), (direction,))[1],
-        change,
-        solve,
-        transpose_solve=solve,
-        symmetric=not system.friction,
-    )
-    impulses = settled(trees.minus(found, correction))
+    found, (sides, reached, info) = solved(solve, tangent, system, plan, jax.lax.stop_gradient(guess))
+    impulses = placed_at_bounds(system.rows, system.friction, sides, found)
     velocities = velocities_from(system, impulses)
     if reached is not None:  # the same velocities, but for rounding
         velocities = velocities + jax.lax.stop_gradient(reached - velocities)
-    return Solved(velocities, impulses, best.info)
+    return Solved(velocities, impulses, info)
+
+
+def _condition(system: System, sides: Impulses, cone: bool, unknown: Impulses) -> Impulses:
+    """Zero at the impulses found: A lam - b, and the unknown itself on rows at a bound, where its value is not used."""
+    operator = row_operator(system)
+    weights = jax.lax.stop_gradient(operator.diagonal)
+    settled = placed_at_bounds(system.rows, system.friction, sides, unknown)
+    residual = trees.minus(operator.apply(settled), operator.right)
+    if cone:
+        residual = _cone_condition(system, settled, residual, weights)
+    return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
 
 
 def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses) -> Impulses:
@@ -105,8 +107,9 @@ def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weig
     return changed
 
 
-def _tangent(matvec: Any, vector: Impulses, weights: Impulses, sides: Impulses, system: System, plan: Any) -> Impulses:
+def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Impulses) -> Impulses:
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
+    weights = row_operator(system).diagonal
     scaled = _diagonal(weights) if plan is None else _scaled_factor(system, plan, weights, sides)
 
     if not system.friction:

@@ -14,7 +14,7 @@ from jaxfem.methods.nodes.condensed import coarse_of
 from jaxfem.methods.nodes.method import PairCondition, Prepared, VelocityCondition, solve_on_velocities
 from jaxfem.model import Model, Params, State
 from jaxfem.rows.bounds import Bounds, named, sides_of
-from jaxfem.solvers.implicit import piecewise_linear_solution
+from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.mprgp import mprgp_loop
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, merged, step_system
@@ -48,7 +48,7 @@ class Mprgp(RowMethod):
         if not system.extra:
             return solve_on_velocities(_ByImpulses(), inputs, impulses)
         condition = _PairByImpulses(symmetric=not system.friction)
-        (unknown, _), (info, found) = piecewise_linear_solution(condition, inputs, impulses)
+        (unknown, _), (info, found) = implicit_solution(condition, inputs, impulses)
         return Solved(merged(system, unknown), found, info)
 
     def round(

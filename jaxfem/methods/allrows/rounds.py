@@ -35,6 +35,7 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
 
     def trip(carry: Any) -> Any:
         last, radii, _, rounds, total = carry
+        last = last.impulses
         fresh = friction_radii(system.friction, last)
         part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
         radii = jax.tree.map(lambda old, new: old + part * (new - old), radii, fresh)
@@ -46,8 +47,12 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
         found, _, moved, rounds, _ = carry
         return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (found.info.status == 0)
 
-    first = trip((guess, friction_radii(system.friction, guess), None, jnp.int32(0), jnp.int32(0)))
-    found, _, moved, _, total = jax.lax.while_loop(running, lambda c: trip((c[0].impulses, *c[1:])), first)
+    # Into the loop as if a round had been made, so that it is compiled once.
+    radii, zero = friction_radii(system.friction, guess), jnp.int32(0)
+    shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii)))
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes).replace(impulses=guess)
+    start = (blank, radii, jnp.full((), jnp.inf, system.target.dtype), zero, zero)
+    found, _, moved, _, total = jax.lax.while_loop(running, trip, start)
     unsettled = (moved > FRICTION_SLACK * system.tolerance) & (found.info.status == 0)
     status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
     return found.replace(info=found.info.replace(iterations=total, status=status))

@@ -14,7 +14,7 @@ from jaxfem.methods.nodes.condensed import coarse_of, solve_condensed, solve_lin
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
-from jaxfem.solvers.implicit import or_nan, piecewise_linear_solution, unless_zero
+from jaxfem.solvers.implicit import implicit_solution, or_nan, unless_zero
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, merged, momentum_gradient, step_system
 
@@ -60,7 +60,7 @@ class Condensed(RowMethod):
         if not system.extra or impulses is None:
             return solve_on_velocities(VelocityCondition(), inputs, velocities)
         condition = PairCondition(symmetric=not system.friction)
-        (unknown, found), info = piecewise_linear_solution(condition, inputs, (velocities, impulses))
+        (unknown, found), info = implicit_solution(condition, inputs, (velocities, impulses))
         return Solved(merged(system, unknown), found, info)
 
     def round(
@@ -74,7 +74,7 @@ class Condensed(RowMethod):
 
 def solve_on_velocities(condition: "VelocityCondition", inputs: Prepared, guess: Any) -> Solved:
     """A step whose rows are all elastic, by a condition on the velocities of its free nodes."""
-    unknown, (info, impulses) = piecewise_linear_solution(condition, inputs, guess)
+    unknown, (info, impulses) = implicit_solution(condition, inputs, guess)
     return Solved(merged(inputs.system, unknown), impulses, info)
 
 
