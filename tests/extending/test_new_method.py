@@ -75,7 +75,7 @@ def test_derivatives_and_lanes_go_through_it():
 
 
 def test_it_is_known_by_its_name_and_refuses_what_it_cannot_serve(tmp_path):
-    assert METHODS["counted"] is Counted
+    assert METHODS["counted"].made is Counted
     file = tmp_path / "scene.toml"
     file.write_text(
         '[time]\nstep = 0.005\nsteps = 2\n[solver]\nmethod = "counted"\n'

@@ -77,7 +77,7 @@ def test_it_is_of_second_order_and_keeps_energy():
 
 
 def test_it_is_known_by_its_name_everywhere(tmp_path):
-    assert SCHEMES["midpoint"] is Midpoint
+    assert SCHEMES["midpoint"].made is Midpoint
     assert float(scheme_damping("midpoint", 100.0, 1e-2)) == pytest.approx(0, abs=1e-12)
     file = tmp_path / "scene.toml"
     file.write_text(
