@@ -289,9 +289,9 @@ def _square_sum(X: Any) -> Array:
     return _dot(X[0], X[0]) + _dot(X[1], X[1]) + _dot(X[2], X[2])
 
 
-def _dot(u: Sequence[Array], v: Sequence[Array]) -> Array:
+def _dot(u: Sequence[Array] | Array, v: Sequence[Array] | Array) -> Array:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _cross(u: Sequence[Array], v: Sequence[Array]) -> Vector:
+def _cross(u: Sequence[Array] | Array, v: Sequence[Array] | Array) -> Vector:
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]

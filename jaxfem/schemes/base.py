@@ -148,10 +148,8 @@ def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, rho_inf: Any
     known = jnp.asarray(frequencies)
     known = known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)
     if isinstance(scheme, str):
-        numbered = scheme in SCHEMES and any(
-            each.name == "rho_inf" for each in dataclasses.fields(SCHEMES[scheme].made)
-        )
-        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if numbered else {}))
+        numbers = [each.name for each in dataclasses.fields(SCHEMES[scheme].made)] if scheme in SCHEMES else []
+        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if "rho_inf" in numbers else {}))
     _check_damping(known, dt)
     turn = known * dt
     slope = scheme.slope(turn)
