@@ -60,7 +60,13 @@ def test_displacements_converge_in_second_order(strain):
 LOCKING_FREE = {0.3: 7.056, 0.45: 6.875, 0.499: 6.786}  # mm, Q2/Q1 elements of an outside library
 
 
-@pytest.mark.parametrize(("cells", "limits"), [((10, 3, 3), (0.02, 0.05, 0.09)), ((20, 6, 6), (0.01, 0.015, 0.03))])
+@pytest.mark.parametrize(
+    ("cells", "limits"),
+    [
+        ((10, 3, 3), (0.02, 0.05, 0.09)),
+        pytest.param((20, 6, 6), (0.01, 0.015, 0.03), marks=pytest.mark.slow),
+    ],
+)
 def test_smoothed_beam_sags_as_without_locking(cells, limits):
     mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12)
     body = jf.SoftBody(mesh, 263824.0, 0.3, 1070.0, fixed="x-", strain="smoothed")
@@ -72,6 +78,7 @@ def test_smoothed_beam_sags_as_without_locking(cells, limits):
         assert abs(-1e3 * found[tip, 2].mean() / sag - 1) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tets", "limit"), [(6, 0.065), (12, 0.03)])
 def test_smoothed_block_does_not_lock(tets, limit):
     """Bonded block pressed by 5 %: the reaction, against locking-free values from outside."""
@@ -97,6 +104,7 @@ ELASTICA = {
 }
 
 
+@pytest.mark.slow
 def test_smoothed_elastica():
     """A 20:1 beam bent by a load at its tip or by its own weight, through large rotations; EI = 1 N m^2, 1 m long."""
     thickness = 0.05
@@ -126,6 +134,7 @@ def free_cube(strain, cells, tets):
     return model, params
 
 
+@pytest.mark.slow
 def test_smoothed_free_cube_has_the_right_frequencies():
     """No mode of the mesh lies among the lowest six that are not rigid."""
     model, params = free_cube("smoothed", 6, 12)

@@ -57,6 +57,7 @@ def make_recording(path: pathlib.Path) -> None:
     write_recording(path, jf.Recording(1e-2 * np.arange(len(places)), places, markers.names))
 
 
+@pytest.mark.slow
 def test_the_code_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make_recording(tmp_path / "recording.csv")

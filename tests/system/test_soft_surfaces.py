@@ -48,6 +48,7 @@ def test_distance_beside_and_beyond_an_edge():
     np.testing.assert_allclose(gaps[over], np.hypot(0.013, places[over, 2] - SIDE), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aside", "stays"), [(0.03, True), (0.07, False)])
 def test_a_cube_falls_once_its_middle_is_over_the_edge(aside, stays):
     model, params, state = two_cubes((aside, 0.0), 0.0, fixed="z-")

@@ -59,6 +59,7 @@ def error(found, expected):
     return np.linalg.norm(np.asarray(found, np.float64) - expected) / max(np.linalg.norm(expected), 1e-300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 def test_twenty_scenes_give_the_row_solvers_answer_and_gradient(exact, dtype):
     model, _, _ = free_beam(dtype, TOLERANCE[dtype])
@@ -86,6 +87,7 @@ def solve_rows(model, params, state, rows, bias=0.0):
     return solve_system(system, "condensed", state.velocities, zeros)
 
 
+@pytest.mark.slow
 def test_lanes_of_a_batch_are_what_each_is_alone():
     model, params, state = free_beam(tolerance=1e-12)
     scenes = [random_scene(seed, model, params, state) for seed in (0, 3, 8)]
@@ -100,6 +102,7 @@ def test_lanes_of_a_batch_are_what_each_is_alone():
         assert info.status[lane] == each.status == 0
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_differences():
     model, params, state = free_beam(tolerance=1e-12)
     material, start, rows = random_scene(5, model, params, state)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from scipy.optimize import lsq_linear
 
 import jaxfem as jf
@@ -34,12 +35,13 @@ def two(place, orientation, dtype=None, solver="mprgp", friction=0.5):
     return jf.build(scene, dtype=dtype, solver=solver, tolerance=1e-4 if dtype == jnp.float32 else 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "dtype", "solver"), [(90, jnp.float64, "auto"), (45, jnp.float64, "mprgp"), (45, jnp.float32, "mprgp")]
 )
 def test_crossed_planks_rest_on_each_other(degrees, dtype, solver):
     model, params, state = two((0.1, 0.05, 0.11), turned(FLAT, degrees), dtype, solver)
-    states, info = jf.rollout(model, params, state, 1e-2, 100)
+    states, info = scenes.rolled(model, params, state, 1e-2, 100)
     assert not info.status.any()
     np.testing.assert_allclose(states.rigid.positions[-1, 0], (0.1, 0.05, 0.1), atol=1e-3)
     np.testing.assert_allclose(states.rigid.velocities[-1, 0], 0, atol=1e-3)
@@ -66,10 +68,10 @@ def test_two_ridges_meet_in_one_point():
     assert len(near) == 1
     np.testing.assert_allclose(found.gap[near], 0.23 - 2 * 0.15 / np.sqrt(2), atol=1e-12)
     np.testing.assert_allclose(found.normal[near], [(0, 0, 1)], atol=1e-12)
-    states, info = jf.rollout(model, params.replace(gravity=jnp.zeros(3)), state, 1e-2, 5)
+    states, info = scenes.rolled(model, params.replace(gravity=jnp.zeros(3)), state, 1e-2, 10)
     assert not info.status.any()
     push = state.replace(rigid=state.rigid.replace(velocities=state.rigid.velocities.at[0].set((0, 0, -1.0))))
-    states, info = jf.rollout(model, params, push, 1e-2, 10)
+    states, info = scenes.rolled(model, params, push, 1e-2, 10)
     assert not info.status.any()
     gaps = jax.vmap(lambda s: edges_of(model, s).gap.min())(states)
     assert float(gaps.min()) > -1e-4
@@ -102,6 +104,7 @@ def test_gaps_are_the_distance_of_the_boxes():
     assert seen > 10
 
 
+@pytest.mark.slow
 def test_derivative_of_an_impact_of_edges():
     model, params, state = two((0.02, 0.01, 0.2), turned(STEEP, 70), friction=0.1)
     tight = model.replace(tolerance=jnp.asarray(1e-13))
@@ -122,12 +125,13 @@ def test_derivative_of_an_impact_of_edges():
     derivatives.check(place, (1.0, 1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_lanes_give_what_they_give_alone():
     model, params, state = two((0.1, 0.05, 0.11), turned(FLAT, 60))
 
     def end(height):
         rigid = state.rigid.replace(positions=state.rigid.positions.at[0, 2].set(height))
-        return jf.rollout(model, params, state.replace(rigid=rigid), 1e-2, 5)[0].rigid.positions[-1, 0]
+        return jf.rollout(model, params, state.replace(rigid=rigid), 1e-2, scenes.CHUNK)[0].rigid.positions[-1, 0]
 
     heights = jnp.array([0.1, 0.12, 0.4])
     np.testing.assert_allclose(jax.vmap(end)(heights), [end(h) for h in heights], atol=1e-7)

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxfem as jf
 from jaxfem.rows.triangles import nearest_triangle
@@ -29,24 +30,25 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above():
     (name,) = params.contacts
     for degrees in (26.5, 26.6, 35.0):
         own, values, start, down = on_slope(degrees)
-        states, info = jf.rollout(own, values, start, 1e-2, 50)
+        states, info = scenes.rolled(own, values, start, 1e-2, 50)
         assert not info.status.any()
         speed = float(states.rigid.velocities[-1, 0] @ down)
         a = np.radians(degrees)
         expected = max(0.0, 0.5 * 9.81 * (np.sin(a) - 0.5 * np.cos(a)))
         assert speed == pytest.approx(expected, rel=1e-6, abs=1e-8)
     slick = {name: params.contacts[name].replace(friction=0.0 * params.contacts[name].friction)}
-    states, _ = jf.rollout(model, params.replace(contacts=slick), state, 1e-2, 50)
+    states, _ = scenes.rolled(model, params.replace(contacts=slick), state, 1e-2, 50)
     np.testing.assert_allclose(jnp.linalg.norm(states.rigid.velocities[-1, 0]), 4.905 * np.sin(np.radians(26.5)))
 
 
+@pytest.mark.slow
 def test_lanes_give_what_they_give_alone_and_single_precision_follows():
     model, params, state, down = on_slope(30.0)
     (name,) = params.contacts
 
     def speed(friction, model=model, params=params, state=state):
         contacts = {name: params.contacts[name].replace(friction=jnp.full(8, friction, state.time.dtype))}
-        states, info = jf.rollout(model, params.replace(contacts=contacts), state, 1e-2, 20)
+        states, info = jf.rollout(model, params.replace(contacts=contacts), state, 1e-2, scenes.CHUNK)
         return states.rigid.velocities[-1, 0] @ jnp.asarray(down, state.time.dtype), info.status.max()
 
     values = jnp.array([0.0, 0.3, 0.7])
@@ -106,11 +108,13 @@ def resting(a, b, height, **kwargs):
     ("above", "below", "height"),
     [
         (jf.Sphere(0.1), jf.Box((1, 1, 0.2)), 0.2),
-        (jf.Box((0.2, 0.2, 0.2)), jf.Box((1, 1, 0.2)), 0.2),
-        (jf.Box((1.0, 1.0, 0.2)), jf.Box((0.2, 0.2, 0.2)), 0.2),  # larger than what it stands on
-        (jf.Cylinder(0.1, 0.2), jf.Cylinder(0.5, 0.2), 0.2),
-        (jf.Sphere(0.1), jf.Sphere(0.3), 0.4),
-        (jf.Sphere(0.1), jf.Capsule(0.2, 0.5), 0.55),
+        pytest.param(jf.Box((0.2, 0.2, 0.2)), jf.Box((1, 1, 0.2)), 0.2, marks=pytest.mark.slow),
+        pytest.param(
+            jf.Box((1.0, 1.0, 0.2)), jf.Box((0.2, 0.2, 0.2)), 0.2, marks=pytest.mark.slow
+        ),  # larger than what it stands on
+        pytest.param(jf.Cylinder(0.1, 0.2), jf.Cylinder(0.5, 0.2), 0.2, marks=pytest.mark.slow),
+        pytest.param(jf.Sphere(0.1), jf.Sphere(0.3), 0.4, marks=pytest.mark.slow),
+        pytest.param(jf.Sphere(0.1), jf.Capsule(0.2, 0.5), 0.55, marks=pytest.mark.slow),
     ],
     ids=lambda v: type(v).__name__ if not isinstance(v, float) else "",
 )
@@ -120,6 +124,7 @@ def test_rigid_shapes_rest_on_one_another(above, below, height):
     resting(top, bottom, height)
 
 
+@pytest.mark.slow
 def test_colliding_rigid_bodies_keep_their_momentum():
     rng = np.random.default_rng(4)
     first = jf.RigidBody(jf.Box((0.2, 0.3, 0.2)), mass=1.0, velocity=(1.0, 0.1, 0), angular_velocity=rng.normal(size=3))
@@ -141,6 +146,7 @@ def test_colliding_rigid_bodies_keep_their_momentum():
     assert jnp.abs(angular - start[1]).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_soft_balls_pass_their_momentum_on():
     """Newton's cradle of two soft balls: contact of surface nodes with the other's surface, momentum to rounding."""
     material = {"young": 1e6, "poisson": 0.3, "density": 1000.0}
@@ -175,6 +181,7 @@ def test_nearest_triangle_is_that_of_the_mesh():
     assert (np.einsum("mi,mi->m", normal, points) > 0.1).all()
 
 
+@pytest.mark.slow
 def test_ground_of_other_kinds_carries_a_soft_block():
     def bowl(point, radius):
         return radius - jnp.linalg.norm(point - jnp.array([0.0, 0.0, radius]))
@@ -208,6 +215,7 @@ def test_derivative_of_a_sliding_distance_in_friction_and_mass():
     derivatives.check(distance, (1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_derivative_of_a_soft_bounce_in_its_stiffness():
     mesh = jf.mesh.box((0.1, 0.1, 0.1), 1, tets_per_cell=5, origin=(0, 0, 0.01))
     body = jf.SoftBody(mesh, young=2e4, poisson=0.3, density=1000.0, damping=2e-3, velocity=(0.3, 0, -2.0))
