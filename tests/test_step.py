@@ -3,6 +3,7 @@
 import json
 
 import derivatives
+import host
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -10,7 +11,6 @@ import pytest
 import scenes
 
 import jaxfem as jf
-from jaxfem.methods.nodes.assembly import assemble_tangent
 from jaxfem.model import nodal_mass
 from jaxfem.stepping.step import inverted_elements
 
@@ -21,29 +21,9 @@ FORCE_FREE = (0.0, 0.0, 0.0)
 def single_mode(omega):
     """A clamped block with one low mode, its Young's modulus set so that the mode has `omega` [rad/s]."""
     model, params, state = scenes.beam((2, 1, 1), gravity=FORCE_FREE, damping=0.0, build={"tolerance": 1e-13})
-    rotations = [jnp.broadcast_to(jnp.eye(3)[:, :, None], (3, 3, each.count)) for each in model.domains]
-    stiffness = assemble_tangent(
-        model.domains,
-        state.positions,
-        rotations,
-        params.young,
-        params.poisson,
-        jnp.zeros(model.nodes),
-        model.free,
-        model.pattern,
-    )
-    basis = jnp.eye(3 * model.nodes).reshape(-1, model.nodes, 3)
-    gathered, scattered = model.pattern.gathered, model.pattern.scattered
-    columns = jax.vmap(lambda e: scattered(stiffness.apply(gathered(e))))(basis)
-    dense = np.asarray(columns).reshape(3 * model.nodes, -1)
-    moving = np.repeat(np.asarray(model.free) > 0, 3)
-    mass = np.repeat(np.asarray(nodal_mass(model, params.density)), 3)
-    root = 1 / np.sqrt(mass[moving])
-    values, vectors = np.linalg.eigh(root[:, None] * dense[np.ix_(moving, moving)] * root)
-    shape = np.zeros(3 * model.nodes)
-    shape[moving] = root * vectors[:, 0]
-    params = params.replace(young=params.young * omega**2 / values[0])
-    return model, params, state, jnp.asarray(shape.reshape(-1, 3)), mass.reshape(-1, 3)
+    (lowest,), (shape,) = host.frequencies(model, params, count=1)
+    params = params.replace(young=params.young * (omega / lowest) ** 2)
+    return model, params, state, jnp.asarray(shape), np.asarray(nodal_mass(model, params.density))[:, None]
 
 
 @pytest.mark.parametrize("solver", ["condensed", pytest.param("mprgp", marks=pytest.mark.slow)])

@@ -3,6 +3,8 @@
 import argparse
 import json
 
+import pytest
+
 from jaxfem.cli import demo
 from jaxfem.cli.main import main, parser
 from jaxfem.fitting import read_recording
