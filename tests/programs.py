@@ -25,7 +25,7 @@ def keep(folder: pathlib.Path | None, first: bool) -> None:
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
         return
     if "JAX_COMPILATION_CACHE_DIR" not in os.environ:
-        folder = pathlib.Path(wanted) if wanted else folder
+        folder = pathlib.Path(wanted).absolute() if wanted else folder
         if folder is None:
             return
         if first:

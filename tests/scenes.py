@@ -1,4 +1,8 @@
-"""Small scenes that several tests build, and runs of them by few programs."""
+"""Small scenes that several tests build, runs of them by few programs, and outside values to compare with."""
+
+import json
+import pathlib
+from typing import Any
 
 import jax
 import numpy as np
@@ -26,6 +30,11 @@ def rolled(model, params, state, dt, steps, chunk=CHUNK):
         parts.append(jax.tree.map(np.asarray, jf.rollout(model, params, state, dt, chunk)))
         state = jax.tree.map(lambda leaf: leaf[-1], parts[-1][0])
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+
+
+def outside(name: str) -> dict[str, Any]:
+    """Values that others computed, from tests/references; each entry says what it is about."""
+    return json.loads((pathlib.Path(__file__).parent / "references" / f"{name}.json").read_text())
 
 
 def random_rotation(seed: int) -> np.ndarray:

@@ -94,34 +94,27 @@ def test_a_soft_body_does_not_tunnel_and_its_impulse_is_its_change_of_momentum(s
     assert push.max() > 8 * speed / 2
 
 
-def resting(a, b, height, **kwargs):
-    """Two bodies, b fixed below a: where a comes to rest."""
-    scene = jf.Scene([a, b], contacts=[jf.Contact(a, b, **kwargs)])
-    model, params, state = jf.build(scene, tolerance=1e-9)
+def test_rigid_shapes_rest_on_one_another():
+    """Six pairs side by side, the lower one fixed: where the upper ones come to rest."""
+    pairs = [
+        (jf.Sphere(0.1), jf.Box((1, 1, 0.2)), 0.2),
+        (jf.Box((0.2, 0.2, 0.2)), jf.Box((1, 1, 0.2)), 0.2),
+        (jf.Box((1.0, 1.0, 0.2)), jf.Box((0.2, 0.2, 0.2)), 0.2),  # larger than what it stands on
+        (jf.Cylinder(0.1, 0.2), jf.Cylinder(0.5, 0.2), 0.2),
+        (jf.Sphere(0.1), jf.Sphere(0.3), 0.4),
+        (jf.Sphere(0.1), jf.Capsule(0.2, 0.5), 0.55),
+    ]
+    heights = np.array([height for _, _, height in pairs])
+    tops, bottoms = [], []
+    for k, (above, below, height) in enumerate(pairs):
+        tops.append(jf.RigidBody(above, mass=1.0, position=(2.0 * k, 0, height + 0.02), name=f"top {k}"))
+        bottoms.append(jf.RigidBody(below, mass=1.0, position=(2.0 * k, 0, 0), fixed=True, name=f"bottom {k}"))
+    contacts = [jf.Contact(top, bottom) for top, bottom in zip(tops, bottoms, strict=True)]
+    model, params, state = jf.build(jf.Scene([*tops, *bottoms], contacts=contacts), tolerance=1e-9)
     states, info = jf.rollout(model, params, state, 1e-2, 80)
     assert not info.status.any()
-    assert float(states.rigid.positions[-1, 0, 2]) == pytest.approx(height, abs=1e-4)
-    np.testing.assert_allclose(states.rigid.velocities[-1, 0], 0, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("above", "below", "height"),
-    [
-        (jf.Sphere(0.1), jf.Box((1, 1, 0.2)), 0.2),
-        pytest.param(jf.Box((0.2, 0.2, 0.2)), jf.Box((1, 1, 0.2)), 0.2, marks=pytest.mark.slow),
-        pytest.param(
-            jf.Box((1.0, 1.0, 0.2)), jf.Box((0.2, 0.2, 0.2)), 0.2, marks=pytest.mark.slow
-        ),  # larger than what it stands on
-        pytest.param(jf.Cylinder(0.1, 0.2), jf.Cylinder(0.5, 0.2), 0.2, marks=pytest.mark.slow),
-        pytest.param(jf.Sphere(0.1), jf.Sphere(0.3), 0.4, marks=pytest.mark.slow),
-        pytest.param(jf.Sphere(0.1), jf.Capsule(0.2, 0.5), 0.55, marks=pytest.mark.slow),
-    ],
-    ids=lambda v: type(v).__name__ if not isinstance(v, float) else "",
-)
-def test_rigid_shapes_rest_on_one_another(above, below, height):
-    top = jf.RigidBody(above, mass=1.0, position=(0, 0, height + 0.02), name="top")
-    bottom = jf.RigidBody(below, mass=1.0, fixed=True, name="bottom")
-    resting(top, bottom, height)
+    np.testing.assert_allclose(states.rigid.positions[-1, : len(pairs), 2], heights, atol=1e-4)
+    np.testing.assert_allclose(states.rigid.velocities[-1, : len(pairs)], 0, atol=1e-4)
 
 
 @pytest.mark.slow
