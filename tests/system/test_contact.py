@@ -94,6 +94,7 @@ def test_a_soft_body_does_not_tunnel_and_its_impulse_is_its_change_of_momentum(s
     assert push.max() > 8 * speed / 2
 
 
+@pytest.mark.slow
 def test_rigid_shapes_rest_on_one_another():
     """Six pairs side by side, the lower one fixed: where the upper ones come to rest."""
     pairs = [
