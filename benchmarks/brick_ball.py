@@ -48,7 +48,7 @@ def measure(steps, repeats, **build):
         "most_iterations": int(info.iterations.max()),
         "inverted": int(info.inverted.max()),
         "status": int(info.status.max()),
-        "solver": model.solver,
+        "solver": model.method.name,
         "first_call_s": compile_s,
     }
 

@@ -60,7 +60,7 @@ def projected(model, params, state):
     still = jax.tree.map(jnp.zeros_like, (state.rigid.velocities, state.rigid.angular_velocities))
     rest = state.replace(
         rigid=state.rigid.replace(velocities=still[0], angular_velocities=still[1]),
-        impulses=jax.tree.map(jnp.zeros_like, state.impulses),
+        memory=jax.tree.map(jnp.zeros_like, state.memory),
     )
     moved, info = jf.step(model, with_share(params.replace(gravity=jnp.zeros(3)), 1.0), rest, DT)
     kept = state.rigid.replace(positions=moved.rigid.positions, orientations=moved.rigid.orientations)

@@ -77,7 +77,7 @@ def measure(solver, steps):
         "head_height": float(states.rigid.positions[-1, 2, 2]),
         "lowest_node": float(states.positions[..., 2].min()),
         "steps": steps,
-        "solver": model.solver,
+        "solver": model.method.name,
         "first_call_s": compile_s,
     }
 

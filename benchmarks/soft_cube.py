@@ -54,7 +54,7 @@ def measure(dtype, steps, repeats, **build):
         "most_iterations": int(info.iterations.max()),
         "status": int(info.status.max()),
         "steps": steps,
-        "solver": model.solver,
+        "solver": model.method.name,
         "first_call_s": compile_s,
     }
 

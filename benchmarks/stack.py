@@ -61,7 +61,7 @@ def measure(degrees, aside, precision, steps):
         "lean": float(jnp.abs(centres[-1, :, :2] - centres[9, :, :2]).max()),
         "shortening": (length - float(states.positions[-1, :, 2].max())) / (DENSITY * 9.81 * length**2 / (2 * YOUNG)),
         "inverted": int(info.inverted.max()),
-        "solver": model.solver,
+        "solver": model.method.name,
         "first_call_s": compile_s,
     }
 

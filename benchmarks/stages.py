@@ -37,7 +37,7 @@ def looped(stage):
 
 def stages(model, params, state):
     system = step_system(model, params, state, jnp.asarray(DT, model.rest.dtype))
-    system = system.replace(coarse=coarse_of(system))
+    coarse = coarse_of(system)
     matrix, modes = condensed_matrix(system), group_modes(system)
     padded = model.pattern.gathered(state.velocities)
 
@@ -45,11 +45,11 @@ def stages(model, params, state):
         return array_of(rotation_of(domain_gradient(m.domains[0], x), "polar"))
 
     def rows(m, x):
-        return step_system(m, params, state.replace(positions=x), jnp.asarray(DT, x.dtype)).rows[0].bias
+        return step_system(m, params, state.replace(positions=x), jnp.asarray(DT, x.dtype)).elastic[0].bias
 
     def turned(s, x):
-        first = s.rows[0].replace(rotation=s.rows[0].rotation + 1e-30 * x[0, 0])
-        return s.replace(rows=(first, *s.rows[1:]))
+        first = s.elastic[0].replace(rotation=s.elastic[0].rotation + 1e-30 * x[0, 0])
+        return s.replace(elastic=(first, *s.elastic[1:]))
 
     def assembly(s, x):
         return condensed_matrix(turned(s, x)).blocks
@@ -61,7 +61,7 @@ def stages(model, params, state):
         "assembly": (assembly, system, state.velocities),
         "coarse_matrix_and_inverse": (lambda s, x: coarse_of(turned(s, x)), system, padded),
         "product": (lambda a, x: a.apply(x), matrix, padded),
-        "preconditioner": (lambda a, x: two_level(*a)(x), (matrix, modes, system.coarse), padded),
+        "preconditioner": (lambda a, x: two_level(*a)(x), (matrix, modes, coarse), padded),
     }
 
 

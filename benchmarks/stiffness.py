@@ -31,7 +31,7 @@ def main():
             assert int(info.status.max()) == 0
             counts.append(float(jnp.mean(info.iterations)))
             if dt == 1 / 60:
-                alone = model.replace(coarse=jnp.zeros_like(jf.prepare(model, own, state, dt).coarse))
+                alone = model.replace(cache=jnp.zeros_like(jf.prepare(model, own, state, dt).cache))
                 plain.append(float(jnp.mean(jf.rollout(alone, own, state, dt, STEPS)[1].iterations)))
         table[f"{dt:.4g}"] = counts
         print(

@@ -1,36 +1,47 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.building.build import AccuracyWarning, build
+from jaxfem.building import AccuracyWarning, build
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
+from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.materials.base import Material, Response
+from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
-from jaxfem.schemes import scheme_damping
+from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, scheme_damping
 from jaxfem.statics import equilibrium
-from jaxfem.stepping.step import StepError, prepare, rollout, step
+from jaxfem.stepping import StepError, impulses, prepare, rollout, step
 from jaxfem.vibration import modes
 
 __all__ = [
     "AccuracyWarning",
+    "BackwardEuler",
     "BallJoint",
     "Box",
     "Capsule",
+    "Constant",
     "Contact",
     "Cylinder",
+    "Diagnosis",
     "DistanceJoint",
     "Driven",
     "Energies",
     "FitError",
     "FitResult",
+    "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
+    "Linear",
+    "Material",
+    "MaterialError",
     "Model",
     "Motion",
     "Motor",
@@ -40,6 +51,7 @@ __all__ = [
     "PointForce",
     "Pressure",
     "Recording",
+    "Response",
     "RigidBody",
     "RigidParams",
     "RigidSet",
@@ -58,9 +70,11 @@ __all__ = [
     "TriangleMesh",
     "WeldJoint",
     "build",
+    "diagnose",
     "energies",
     "equilibrium",
     "fit",
+    "impulses",
     "mesh",
     "modes",
     "prepare",

@@ -1,16 +1,20 @@
 """What `build` returns: the model (topology and configuration), params (what users fit and sweep), and the state."""
 
 import dataclasses
-from typing import Any
+from typing import Any, NamedTuple, Protocol, Self
 
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import Domains, domain_damping, domain_stiffness
-from jaxfem.elements.mass import MassCoupling, MassKind, consistent_share
+from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
+from jaxfem.elements.mass import MassKind, SharedMass, consistent_share
+from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
+from jaxfem.materials.base import Material
+from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
+from jaxfem.schemes import Scheme
 
 Array = jax.Array
 
@@ -18,16 +22,15 @@ Array = jax.Array
 class Params(Pytree):
     """The numbers that users differentiate, fit and sweep.
 
-    `young` [Pa], `poisson`, `damping` [s] and `density` [kg/m^3] are each a scalar (all bodies), an array (bodies,) or
-    an array (elements,). `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
+    `constants`: name -> value of each constant of the bodies' material laws, and `density` [kg/m^3]: each a scalar (all
+    bodies), an array (bodies,) or an array (elements,); where a body's law lacks a constant stands the others' mean.
+    Each is an attribute too, and one that `replace` takes: `params.young`, `params.replace(young=2e5)`.
+    `gravity` (3,) [m/s^2]; `loads` and `motions` hold one value for each that the scene declares.
     `rigid`: masses and motions of rigid bodies; `joints`, `contacts`: name of a group of rows -> its values
     (compliance, limits, motors, friction, ...), under the names of `Model.joints` and `Model.contacts`.
     """
 
-    young: Array
-    poisson: Array
-    density: Array
-    damping: Array
+    constants: dict[str, Any]
     gravity: Array
     loads: tuple = ()
     motions: tuple = ()
@@ -35,61 +38,68 @@ class Params(Pytree):
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
 
+    def __getattr__(self, name: str) -> Any:  # only for what is no field
+        constants = vars(self).get("constants")
+        if isinstance(constants, dict) and name in constants:
+            return constants[name]
+        raise AttributeError(f"params hold no {name!r}" + (f"; constants: {', '.join(constants)}" if constants else ""))
+
+    def replace(self, **changes: Any) -> Self:
+        """The same with some fields or constants changed."""
+        own = {name: changes.pop(name) for name in list(changes) if name in self.constants}
+        if own:
+            changes["constants"] = {**changes.get("constants", self.constants), **own}
+        return super().replace(**changes)
+
 
 class State(Pytree):
     """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
 
     `accelerations` (n, 3) [m/s^2] belong to the second-order scheme; None where they are unknown, as at the start: the
     next step then takes those that the forces give. Set them to None after moving a body by hand.
-    `rigid`: poses and velocities of rigid bodies, None without them. `impulses` of the rows warm-start the solver; None
-    with solvers that do not use it. They affect a solution only through geometric stiffness, where a joint's pull on a
-    rigid body is so strong that it must be treated implicitly (see `routes/coupled.py`).
+    `rigid`: poses and velocities of rigid bodies, None without them. `memory`: what the method keeps from one step to
+    the next, its own affair; `jf.impulses` reads the impulses in it. It starts the solver, and affects a solution only
+    through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
+    (see `system/coupled.py`). `internal`: what materials with a memory remember, one entry for each kind of domains;
+    None without such materials.
     """
 
     positions: Array
     velocities: Array
     time: Array
-    impulses: Any = None
+    memory: Any = None
     accelerations: Array | None = None
     rigid: RigidState | None = None
+    internal: Any = None
 
 
-class Pattern(Pytree):
-    """Where the assembled matrix has its 3x3 blocks, on nodes in *solver order*: group by group, padded to equal sizes.
+class Method(Protocol):
+    """What `step` asks of a way to solve a step (see `methods/base.py`): static, hashable, without arrays."""
 
-    `neighbours` (N, width): each node's neighbours in padded rows, itself first; `blocks` (N, width): the row of each
-    block in a table of the P pairs' blocks, their transposes, and zero. `pairs`, a tuple for each kind of domains: the
-    pair of nodes a < b of each domain, (b, D_b) arrays for b = 1, 2, ... over the D_b domains that have a node b; empty
-    for volumetric domains, which stay factors: `spots` (D, m) their nodes and `incidences` (N, k) the flat places
-    in `spots` where each node occurs, m D on padding; `touching`, a (N, k) for each kind with clusters: the pairs of a
-    cluster and a node in which each node occurs, Q on padding.
-    `order` (N,): the user's number of each node; `place` (n,): the solver's number; `real` (N,): 0 where a row is
-    padding. `frames` (groups,): a domain whose rotation stands for its group's, counted through all that are not
-    volumetric. `corner_pairs` (6, E): the pairs of each element's corners, where masses are not lumped.
-    `pair_count`: P.
-    """
+    @property
+    def name(self) -> str:
+        """Its word in `build` and scene files."""
 
-    neighbours: Array
-    blocks: Array
-    pairs: tuple[tuple[Array, ...], ...]
-    spots: tuple[Array, ...]
-    incidences: tuple[Array, ...]
-    order: Array
-    place: Array
-    real: Array
-    frames: Array
-    touching: tuple[Array, ...]
-    corner_pairs: Array | None
-    pair_count: int = static()
+    def prepare(self, model: "Model", params: Params, state: State, dt: Array) -> Any:
+        """What pays to be made once for many steps of about `dt` [s]; None where there is nothing."""
 
-    def gathered(self, field: Array) -> Array:
-        """A nodal field (n, ...) in solver order (N, ...); zero on padding."""
-        shape = (-1,) + (1,) * (field.ndim - 1)
-        return field[self.order] * self.real.reshape(shape)
+    def start(self, model: "Model", params: Params, state: State) -> Any:
+        """The first `State.memory`."""
 
-    def scattered(self, field: Array) -> Array:
-        """A field in solver order (N, ...) in the user's order (n, ...)."""
-        return field[self.place]
+    def step(
+        self, model: "Model", params: Params, state: State, dt: Array, forces: Array | None, cache: Any
+    ) -> tuple[State, "StepInfo"]:
+        """One step."""
+
+    def impulses(self, model: "Model", memory: Any) -> dict[str, Array]:
+        """The impulses of the last step by the names of their groups of rows, as far as the memory holds them."""
+
+
+class Choice(NamedTuple):
+    """How a model came to its method: what was `asked` for ("auto", or a name), and the `reason` for what it got."""
+
+    asked: str
+    reason: str
 
 
 class Model(Pytree):
@@ -97,13 +107,12 @@ class Model(Pytree):
 
     `elements`: all tetrahedra; `domains`: where strain is taken, one entry a kind. `rest` (n, 3) undeformed nodes [m],
     `nodal_volumes` (n,) [m^3], `node_body` (n,), `free` (n,) 1 where a node moves by its own dynamics and 0 where it is
-    fixed or driven, `driven`: node indices of each prescribed motion. `rho_inf`: what the second-order scheme
-    leaves of the highest frequencies in a step. `coarse`: the preconditioner's dense part when `prepare` has built it,
-    else None, and `frequencies` [rad/s] those whose damping by the scheme `info` reports. `rotations`: "explicit", or
-    "implicit" where they are iterated to the end of the step. `rigid`: the rigid bodies, None without;
-    `joints`, `contacts`: groups of rows by name; `elimination`: in which order their rows are eliminated (solver
-    "direct"), else None. `node_group` (n,): a number that nodes share where joints or contacts may tie their bodies, in
-    coupled scenes of the second-order scheme.
+    fixed or driven, `driven`: node indices of each prescribed motion. `method`: how steps are solved, and `choice`: how
+    it was chosen; `plan`: what the method made of the topology when the scene was built; `cache`: what `prepare` made
+    for it, else None. `scheme`: the time scheme; `frequencies` [rad/s]: those whose damping by the scheme `info`
+    reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `node_group` (n,): a
+    number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
+    `laws`: the material law of each body, in the order of `bodies`.
     """
 
     rest: Array
@@ -117,20 +126,30 @@ class Model(Pytree):
     driven: tuple
     tolerance: Array
     max_iterations: Array
-    rho_inf: Array
-    solver: str = static()
-    scheme: str = static()
+    scheme: Scheme
+    method: Method = static()
+    choice: Choice = static()
     rotation: RotationKind = static()
     mass: MassKind = static()
-    rotations: str = static()
     bodies: tuple[str, ...] = static()
-    coarse: Any = None
+    plan: Any = None
+    cache: Any = None
     frequencies: Array | None = None
     rigid: RigidSet | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
-    elimination: Any = None
     node_group: Array | None = None
+    laws: tuple[Material, ...] = static(default=())
+
+    @property
+    def constants(self) -> dict[str, Constant]:
+        """The constants that `Params` holds, by name: those of the bodies' laws, then density."""
+        return {each.name: each for law in dict.fromkeys(self.laws) for each in law.constants} | {DENSITY.name: DENSITY}
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether a body's material remembers what happened to it (`State.internal`)."""
+        return any(law.remembers for law in self.laws)
 
     @property
     def coupled(self) -> bool:
@@ -178,13 +197,29 @@ def elementwise(model: Model, value: Array) -> Array:
     return value.reshape(()) if value.size == 1 else per_element(model, value)
 
 
-def domain_materials(model: Model, params: Params) -> list[tuple[tuple[Array, Array], Array]]:
-    """Stiffness (3K, 2 mu) [Pa] and damping [s] of each kind of domains, each () or (D,)."""
-    young, poisson, damping = (elementwise(model, v) for v in (params.young, params.poisson, params.damping))
-    return [
-        (domain_stiffness(each, young, poisson), domain_damping(each, young, poisson, damping))
-        for each in model.domains
-    ]
+def element_constants(model: Model, params: Params) -> dict[str, Array]:
+    """The constants by name, each a scalar () where it is one, else one number an element, (E,)."""
+    return {name: elementwise(model, value) for name, value in params.constants.items()}
+
+
+def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:
+    """Stiffness and damping of each kind of domains, without what materials remember."""
+    values = element_constants(model, params)
+    return [domain_material(each, values) for each in model.domains]
+
+
+def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
+    """Volumetric and deviatoric stiffness (3K, 2 mu) of the elements, each () or (E,) [Pa]."""
+    values = element_constants(model, params)
+    if not model.laws:
+        return jnp.zeros_like(model.elements.volumes), jnp.zeros_like(model.elements.volumes)
+    law, *others = dict.fromkeys(model.laws)
+    volumetric, deviatoric = law.stiffness(values)
+    for other in others:
+        its = jnp.array([each == other for each in model.laws])[model.elements.body]
+        own = other.stiffness(values)
+        volumetric, deviatoric = jnp.where(its, own[0], volumetric), jnp.where(its, own[1], deviatoric)
+    return volumetric, deviatoric
 
 
 def nodal_mass(model: Model, density: Array) -> Array:
@@ -199,9 +234,9 @@ def nodal_mass(model: Model, density: Array) -> Array:
     return jnp.zeros_like(model.nodal_volumes).at[elements.cells].add(quarter[:, None])
 
 
-def mass_coupling(model: Model, density: Array) -> MassCoupling | None:
+def shared_mass(model: Model, density: Array) -> SharedMass | None:
     """What the model's mass matrix has beside the lumped masses; None where it has nothing."""
     if model.mass == "lumped" or model.pattern.corner_pairs is None:
         return None
     element_mass = consistent_share(model.mass) * per_element(model, density) * model.elements.volumes
-    return MassCoupling(element_mass, model.elements.cells, model.pattern.corner_pairs)
+    return SharedMass(element_mass, model.elements.cells, model.pattern.corner_pairs)

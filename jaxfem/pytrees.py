@@ -4,6 +4,8 @@ import dataclasses
 from typing import Any, Self, dataclass_transform
 
 import jax
+import jax.numpy as jnp
+import numpy as np
 
 
 def static(**kwargs: Any) -> Any:
@@ -28,3 +30,8 @@ class Pytree:
     def replace(self, **changes: Any) -> Self:
         """The same with some fields changed."""
         return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+
+
+def on_device(values: Any, dtype: Any) -> jax.Array:
+    """Host numbers as a device array. Cast by NumPy first: JAX would compile a program for each shape that it casts."""
+    return jnp.asarray(np.asarray(values, dtype), dtype)

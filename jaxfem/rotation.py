@@ -1,7 +1,8 @@
 """Rotations: the nearest rotation of a 3x3 matrix with its derivative, a cheaper frame, unit quaternions.
 
 The 3x3 algebra is written out on component arrays (a nested tuple M[i][j] of equal-shaped arrays): XLA turns that into
-a few vectorised loops over elements, where a batched library SVD works through the matrices one call at a time.
+a few vectorised loops over elements, where a batched library SVD works through the matrices one call at a time. What
+loops carry is stacked, one array (3, 3, ...): each array carried is a program of its own to compile and to call.
 """
 
 import functools
@@ -10,6 +11,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 from jax import Array, lax
 
 from jaxfem.batching import cond_any
@@ -18,10 +20,10 @@ Components = tuple[tuple[Array, ...], ...]
 Vector = tuple[Array, ...]
 
 AXES = (0, 1, 2)
-# Jacobi's loop always treats the same pairs and renumbers after them: a third of the code of a whole sweep to compile.
-PAIRS = {3: (((0, 1),), (1, 2, 0)), 4: (((0, 1), (2, 3)), (0, 2, 3, 1))}
 # Newton steps are not trusted below this det F / |F|^3: 0.19 for a rotation, a condition number of at most 38 above it.
 ORDINARY = 0.01
+TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
+"""(3, 3, 3): matrices of the cross products with the axes."""
 
 
 def nearest_rotation(F: Any) -> Array:
@@ -56,8 +58,9 @@ def _polar(F: Components) -> Components:
     det, norm2 = _dot(F[0], _cross(F[1], F[2])), _square_sum(F)
     # NaN compares false: such a matrix stays in the fast branch, and stays NaN.
     bad = det <= ORDINARY * norm2 * jnp.sqrt(norm2)
-    R = _newton(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j])))
-    return cond_any(jnp.any(bad), lambda R: _where(bad, _quaternion_matrix(_davenport(F)), R), lambda R: R, R)  # type: ignore[no-any-return]
+    R = _newton(_array(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j]))))
+    R = cond_any(jnp.any(bad), lambda R: jnp.where(bad, _array(_quaternion_matrix(_davenport(F))), R), lambda R: R, R)
+    return _matrix(lambda i, j: R[i, j])
 
 
 @_polar.defjvp
@@ -109,17 +112,18 @@ def _solve(B: Components, b: Vector) -> Vector:
     return b[0] / d0 - l10 * w1 - l20 * w2, w1, w2
 
 
-def _newton(X: Components) -> Components:
-    def step(_: Any, X: Components) -> Components:
+def _newton(X: Array) -> Array:
+    def step(_: Any, X: Array) -> Array:
         # X <- (g X + X^-T / g) / 2, X^-T = C / det X, g^2 = |X^-1| / |X|
-        C = (_cross(X[1], X[2]), _cross(X[2], X[0]), _cross(X[0], X[1]))
+        C = lax.optimization_barrier(_array((_cross(X[1], X[2]), _cross(X[2], X[0]), _cross(X[0], X[1]))))
         det = _dot(X[0], C[0])
         g = jnp.sqrt(jnp.sqrt(_square_sum(C) / _square_sum(X)) / det)
-        a, c = 0.5 * g, 0.5 / (g * det)
-        return _matrix(lambda i, j: a * X[i][j] + c * C[i][j])
+        # The barriers keep XLA from working out C and the factors anew for each of nine entries.
+        a, c = lax.optimization_barrier((0.5 * g, 0.5 / (g * det)))
+        return a * X + c * C
 
-    # A loop, not six copies of the step: XLA compiles it in a fifth of the time and runs it twice as fast.
-    return lax.fori_loop(0, 6 if X[0][0].dtype.itemsize > 4 else 5, step, X)
+    # A loop, not six copies of the step: compiled in a fifth of the time and run twice as fast.
+    return lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
 
 
 def _davenport(F: Components) -> Vector:
@@ -127,40 +131,34 @@ def _davenport(F: Components) -> Vector:
     (a, b, c), (d, e, f), (g, h, i) = F
     wx, wy, wz, xy, xz, yz = h - f, c - g, d - b, b + d, c + g, f + h
     K = ((a + e + i, wx, wy, wz), (wx, a - e - i, xy, xz), (wy, xy, e - a - i, yz), (wz, xz, yz, i - a - e))
-    A, V = _jacobi(K, tuple(tuple(jnp.full_like(a, i == j) for j in range(4)) for i in range(4)))
-    pairs = [(A[j][j], tuple(row[j] for row in V)) for j in range(4)]
-    return functools.reduce(lambda best, new: _where(new[0] > best[0], new, best), pairs)[1]
+    A, V = _jacobi(_array(K))
+    best = jnp.argmax(jnp.stack([A[j, j] for j in range(4)]), axis=0)
+    found = functools.reduce(lambda q, j: jnp.where(best == j, V[j], q), range(1, 4), V[0])
+    return tuple(found)
 
 
-def _jacobi(A: Components, V: Components) -> tuple[Components, Components]:
-    """Cyclic Jacobi: A symmetric -> (nearly diagonal, V times the eigenvectors); V may have no rows."""
-    pairs, order = PAIRS[len(A)]
+def _jacobi(A: Array) -> tuple[Array, Array]:
+    """Cyclic Jacobi on symmetric A (4, 4, ...): (nearly diagonal, with its eigenvectors as rows)."""
 
     def visit(_: Any, state: Any) -> Any:
-        A, V = ([list(row) for row in M] for M in state)
-        for p, q in pairs:
-            _annihilate(A, V, p, q)
-        return tuple(tuple(A[i][j] for j in order) for i in order), tuple(tuple(row[j] for j in order) for row in V)
+        # Always the pairs (0, 1) and (2, 3), renumbered after: a third of the code of a whole sweep to compile.
+        # t = tan of the smaller angle that makes the entry beside the diagonal zero
+        A, V = state
+        off, d = jnp.stack((A[0, 1], A[2, 3])), jnp.stack((A[1, 1] - A[0, 0], A[3, 3] - A[2, 2]))
+        r = jnp.sqrt(d * d + 4 * off * off)
+        den = d + jnp.where(d >= 0, r, -r)
+        t = 2 * off / jnp.where(den == 0, 1, den)
+        c = 1 / jnp.sqrt(t * t + 1)
+        c, s = c[:, None], (t * c)[:, None]
 
-    return lax.fori_loop(0, 3 * (6 if A[0][0].dtype.itemsize > 4 else 5), visit, (A, V))
+        def turned(M: Array) -> Array:
+            first, second = c * M[0::2] - s * M[1::2], s * M[0::2] + c * M[1::2]
+            return jnp.stack((first[0], first[1], second[1], second[0]))
 
+        return turned(jnp.swapaxes(turned(A), 0, 1)), turned(V)
 
-def _annihilate(A: list[list[Array]], V: list[list[Array]], p: int, q: int) -> None:
-    # t = tan of the smaller angle that makes A[p][q] zero
-    off, d = A[p][q], A[q][q] - A[p][p]
-    r = jnp.sqrt(d * d + 4 * off * off)
-    den = d + jnp.where(d >= 0, r, -r)
-    t = 2 * off / jnp.where(den == 0, 1, den)
-    c = 1 / jnp.sqrt(t * t + 1)
-    s = t * c
-    for k in range(len(A)):
-        if k not in (p, q):
-            u, v = A[k][p], A[k][q]
-            A[k][p] = A[p][k] = c * u - s * v
-            A[k][q] = A[q][k] = s * u + c * v
-    A[p][p], A[q][q], A[p][q], A[q][p] = A[p][p] - t * off, A[q][q] + t * off, 0 * off, 0 * off
-    for row in V:
-        row[p], row[q] = c * row[p] - s * row[q], s * row[p] + c * row[q]
+    V = jnp.broadcast_to(jnp.eye(4, dtype=A.dtype).reshape(4, 4, *(1,) * (A.ndim - 2)), A.shape)
+    return lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))  # type: ignore[no-any-return]
 
 
 def rotation_gap(F: Any, R: Any) -> Array:
@@ -171,8 +169,10 @@ def rotation_gap(F: Any, R: Any) -> Array:
     """
     M, Q = jax.tree.map(lax.stop_gradient, (_components(F), _components(R)))
     scale = _scale(M)
-    A, _ = _jacobi(_spin_matrix(_transpose_product(Q, _scaled(M, scale))), ())
-    return jnp.maximum(jnp.minimum(jnp.minimum(A[0][0], A[1][1]), A[2][2]), 0) * scale
+    B = _array(_spin_matrix(_transpose_product(Q, _scaled(M, scale))))
+    # A fourth direction by itself, with a number between the eigenvalues.
+    A, _ = _jacobi(jnp.pad(B, ((0, 1), (0, 1), *((0, 0),) * (B.ndim - 2))).at[3, 3].set(B[0, 0]))
+    return jnp.maximum(functools.reduce(jnp.minimum, [A[j, j] for j in range(4)]), 0) * scale
 
 
 def gram_schmidt_rotation(F: Any) -> Array:
@@ -215,7 +215,11 @@ def quaternion_to_matrix(q: Any) -> Array:
     The length is divided out, so a slightly drifted q gives a proper rotation; the zero quaternion gives the identity.
     """
     q = jnp.asarray(q)
-    return _stack(_quaternion_matrix((q[..., 0], q[..., 1], q[..., 2], q[..., 3])))
+    w, v, n = q[..., 0, None, None], q[..., 1:, None], jnp.sum(q * q, -1)[..., None, None]
+    s = 2 / jnp.where(n == 0, 1, n)
+    unit, turns = jnp.eye(3, dtype=q.dtype), jnp.asarray(TURNS, q.dtype)
+    across = sum((turns[k] * v[..., k : k + 1, :] for k in (1, 2)), start=turns[0] * v[..., :1, :])
+    return (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
 
 
 def _quaternion_matrix(q: Vector) -> Components:
@@ -289,7 +293,12 @@ def _transpose_product(A: Components, B: Components) -> Components:
     return _matrix(lambda i, j: A[0][i] * B[0][j] + A[1][i] * B[1][j] + A[2][i] * B[2][j])
 
 
-def _square_sum(X: Components) -> Array:
+def _array(M: Sequence[Sequence[Array]]) -> Array:
+    """(3, 3, ...) from components."""
+    return jnp.stack([jnp.stack(row) for row in M])
+
+
+def _square_sum(X: Any) -> Array:
     return _dot(X[0], X[0]) + _dot(X[1], X[1]) + _dot(X[2], X[2])
 
 

@@ -8,13 +8,15 @@ import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import elastic_response
 from jaxfem.loads import FacePressure
+from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.methods.ending import inverted_elements
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
-from jaxfem.model import Model, Params, State, StepInfo, elementwise
+from jaxfem.model import Model, Params, State, StepInfo, domain_materials, element_stiffness
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping.step import StepError, check_call, inverted_elements, typed
+from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
 
@@ -73,6 +75,8 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         )
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
+    if model.has_memory:
+        raise StepError("equilibrium takes materials without a memory: others come to rest by steps")
     params, state, forces = typed(model, params, state, forces)
     check_call(model, params, state, 1.0, forces)
     return _equilibrium(model, params, state, forces)
@@ -91,15 +95,11 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     return rest, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
 
 
-def _material(inputs: _StaticInputs) -> tuple[Array, Array]:
-    return elementwise(inputs.model, inputs.params.young), elementwise(inputs.model, inputs.params.poisson)
-
-
 def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
     model = inputs.model
     free = model.free[:, None] > 0
     positions = jnp.where(free, unknown, inputs.held)
-    energy, force, turns = elastic_response(model.domains, positions, *_material(inputs))
+    energy, force, turns = elastic_response(model.domains, positions, domain_materials(model, inputs.params))
     load = external_force(model, inputs.params, positions, inputs.forces)
     gradient = jnp.where(free, -(force + load), unknown * _typical_stiffness(inputs))
     # What has to balance: loads, and the elastic forces that supports and neighbours take.
@@ -111,7 +111,8 @@ def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:
 def _typical_stiffness(inputs: _StaticInputs) -> Array:
     """Stiffness of an average node [N/m], so that fixed nodes do not spoil the scaling."""
     length = jnp.mean(inputs.model.elements.volumes) ** (1 / 3)
-    return jax.lax.stop_gradient(jnp.mean(_material(inputs)[0]) * length)
+    _, young = ratio_and_modulus(*element_stiffness(inputs.model, inputs.params))
+    return jax.lax.stop_gradient(jnp.mean(young) * length)
 
 
 def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]):

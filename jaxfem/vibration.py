@@ -9,13 +9,14 @@ import jax.numpy as jnp
 from jaxfem.elements.domains import domain_strains
 from jaxfem.elements.elasticity import elastic_force
 from jaxfem.elements.mass import MASSES, MassKind, mass_product
+from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
-from jaxfem.model import Model, Params, State, elementwise, nodal_mass, per_element
+from jaxfem.model import Model, Params, State, domain_materials, element_stiffness, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.eigen import lowest_eigenpairs
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
-from jaxfem.stepping.step import StepError, check_call, typed
+from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.tensors import array_of
 
 Array = jax.Array
@@ -52,6 +53,8 @@ def modes(
         raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")
+    if model.has_memory:
+        raise StepError("modes takes materials without a memory: others have no frequencies of their own")
     params, state = typed(model, params, state)
     check_call(model, params, state, 1.0)
     return _modes(model, params, state.positions, count, mass)
@@ -193,11 +196,11 @@ def _operators(inputs: _Inputs) -> tuple[Any, Any, Array]:
 def _stiffness(inputs: _Inputs, vector: Array) -> Array:
     """Exact tangent times (n, 3), zero on fixed nodes: minus the rate of the elastic force."""
     model = inputs.model
-    young, poisson = elementwise(model, inputs.params.young), elementwise(model, inputs.params.poisson)
+    materials = domain_materials(model, inputs.params)
     free = model.free[:, None]
 
     def force(positions: Array) -> Array:
-        return -elastic_force(model.domains, positions, young, poisson)
+        return -elastic_force(model.domains, positions, materials)
 
     return free * jax.jvp(force, (inputs.positions,), (free * vector,))[1]
 
@@ -214,7 +217,8 @@ def _shift(inputs: _Inputs) -> Array:
     """A squared frequency well below the first elastic ones, by which rigid motions are told from them [1/s^2]."""
     model, params = inputs.model, inputs.params
     length = jnp.linalg.norm(jnp.max(model.rest, axis=0) - jnp.min(model.rest, axis=0))
-    return jax.lax.stop_gradient(0.01 * jnp.mean(params.young) / (jnp.mean(params.density) * length**2))
+    _, young = ratio_and_modulus(*element_stiffness(model, params))
+    return jax.lax.stop_gradient(0.01 * jnp.mean(young) / (jnp.mean(params.density) * length**2))
 
 
 def _inner(a: Array, b: Array) -> Array:

@@ -8,17 +8,17 @@ import scipy.sparse.linalg as direct
 
 from jaxfem.elements.domains import domain_strain
 from jaxfem.methods.nodes.assembly import assemble_tangent
-from jaxfem.model import elementwise, nodal_mass, per_element
+from jaxfem.model import domain_materials, nodal_mass, per_element
 from jaxfem.tensors import array_of
 
 
 @jax.jit
 def _assembled(model, params):
     """The tangent at rest, without the terms of prestress, which vanish there."""
-    young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
+    materials = domain_materials(model, params)
     turns = [array_of(domain_strain(each, model.rest)[1]) for each in model.domains]
     zero, ones = jnp.zeros_like(model.free), jnp.ones_like(model.free)
-    return assemble_tangent(model.domains, model.rest, turns, young, poisson, zero, ones, model.pattern, False)
+    return assemble_tangent(model.domains, model.rest, turns, materials, zero, ones, model.pattern, False)
 
 
 def stiffness(model, params) -> sparse.csc_matrix:

@@ -8,19 +8,19 @@ import os
 import pathlib
 import resource
 import sys
-import time
 
 import jax
 
-LEAST_SECONDS = 0.2  # programs that compile faster are not worth a file
-DAYS = 14  # files that no run has written in so long go
+from jaxfem.cli.programs import OFF, trim
+
+LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
 MOST_MEMORY = 5e9  # bytes a process
 
 
 def keep(folder: pathlib.Path | None, first: bool) -> None:
     """Have JAX keep programs in `folder`; the `first` process of a run clears out old ones."""
     wanted = os.environ.get("JAXFEM_TEST_CACHE", "")
-    if wanted.lower() == "off":
+    if wanted.lower() in OFF:
         jax.config.update("jax_enable_compilation_cache", False)
         os.environ["JAX_ENABLE_COMPILATION_CACHE"] = "0"
         return
@@ -29,21 +29,12 @@ def keep(folder: pathlib.Path | None, first: bool) -> None:
         if folder is None:
             return
         if first:
-            clear_out(folder)
+            folder.mkdir(parents=True, exist_ok=True)
+            trim(folder, LARGEST)
         os.environ["JAX_COMPILATION_CACHE_DIR"] = str(folder)
-        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = str(LEAST_SECONDS)
-        jax.config.update("jax_persistent_cache_min_compile_time_secs", LEAST_SECONDS)
+        os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"  # thousands of small programs take minutes
+        jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_compilation_cache_dir", str(folder))
-
-
-def clear_out(folder: pathlib.Path, days: float = DAYS) -> None:
-    """Remove the programs in `folder` that are older than `days`."""
-    for path in folder.glob("*-cache"):
-        try:
-            if path.stat().st_mtime < time.time() - 86400 * days:
-                path.unlink()
-        except FileNotFoundError:  # another run was there first
-            pass
 
 
 def memory() -> float:

@@ -34,7 +34,7 @@ def golden():
 )
 def test_ends_and_iterations_are_what_they_were(golden, name, method):
     model, states, infos = STANDARD[name].run(method)
-    assert model.solver == method
+    assert model.method.name == method
     known = golden[name]
     np.testing.assert_allclose(places(states), known["positions"], atol=NEAR)
     found, wanted = int(infos.iterations.sum()), known["iterations"][method]

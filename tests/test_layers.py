@@ -11,7 +11,7 @@ ROOT = pathlib.Path(jaxfem.__file__).parent
 
 # Ground first: a module may import from its own layer and from those before it.
 LAYERS = [
-    ["pytrees", "batching"],
+    ["pytrees", "batching", "inputs", "registry"],
     ["rotation", "tensors"],
     ["solvers", "mesh", "materials"],
     ["schemes", "motion", "loads"],
@@ -21,7 +21,7 @@ LAYERS = [
     ["system", "energies"],
     ["methods"],
     ["stepping", "building"],
-    ["statics", "vibration"],
+    ["statics", "vibration", "diagnose"],
     ["fitting"],
     ["io"],
     ["cli"],

@@ -1,14 +1,17 @@
-"""What the README shows is true: its code runs, its files load, its commands and folders exist."""
+"""What the README and docs/ show is true: their code runs, files load, commands and folders exist."""
 
 import pathlib
 import re
 import shlex
 import tomllib
 
+import jax
 import numpy as np
 import pytest
+from test_layers import LEVEL
 
 import jaxfem as jf
+from jaxfem.cli import programs
 from jaxfem.cli.main import parser
 from jaxfem.fitting import attach, marker_positions, read_recording, write_recording
 from jaxfem.io import load_scene
@@ -16,11 +19,24 @@ from jaxfem.io.fit_files import load_fit
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
+PAGES = sorted((ROOT / "docs").rglob("*.md"))
+pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+EXTRA_KEYS = ("jax_compilation_cache_dir", "jax_enable_compilation_cache", "jax_enable_x64")
+EXTRA_KEYS += ("jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
 
 
-def blocks(language: str) -> list[str]:
+def blocks(language: str, text: str = TEXT) -> list[str]:
     """The fenced blocks of one language, in order."""
-    return re.findall(rf"^```{language}\n(.*?)^```$", TEXT, re.MULTILINE | re.DOTALL)
+    return re.findall(rf"^```{language}\n(.*?)^```$", text, re.MULTILINE | re.DOTALL)
+
+
+@pytest.fixture
+def settings():
+    """JAX's settings that pages may change, put back at the end."""
+    before = {name: getattr(jax.config, name) for name in EXTRA_KEYS}
+    yield
+    for name, value in before.items():
+        jax.config.update(name, value)
 
 
 def files() -> dict[str, str]:
@@ -81,16 +97,65 @@ def test_the_files_load(tmp_path):
     assert recording.seen.sum() == 3 and attach(model, fit.places).names == recording.names
 
 
+@pytest.mark.slow
+@pages
+def test_the_code_of_a_page_runs(page, settings, tmp_path, monkeypatch):
+    """All blocks of a page in order, as one program, in an empty folder and without the user's own."""
+    monkeypatch.chdir(tmp_path)
+    for name in ("HOME", "USERPROFILE"):
+        monkeypatch.setenv(name, str(tmp_path))
+    names: dict = {"__name__": f"docs.{page.stem}"}
+    for number, block in enumerate(blocks("python", page.read_text(encoding="utf-8")), 1):
+        exec(compile(block, f"docs/{page.name}, Python block {number}", "exec"), names)
+
+
 def test_every_toml_block_is_toml():
-    for block in blocks("toml"):
-        tomllib.loads(block)
+    for text in (TEXT, *(page.read_text(encoding="utf-8") for page in PAGES)):
+        for block in blocks("toml", text):
+            tomllib.loads(block)
+
+
+@pages
+def test_a_page_fences_only_what_is_checked(page):
+    """A block in a language that no test knows would not be looked at."""
+    found = set(re.findall(r"^```(\w*)$", page.read_text(encoding="utf-8"), re.MULTILINE)) - {""}
+    assert found <= {"python", "toml", "text", "sh", "csv"}
 
 
 def test_the_commands_exist():
-    words = [shlex.split(line) for line in re.findall(r"`jaxfem (\w[^`]*)`", TEXT)]
-    assert len(words) >= 3
-    for each in words:
-        parser().parse_args(each)
+    assert len(commands(TEXT)) >= 3
+    for text in (TEXT, *(page.read_text(encoding="utf-8") for page in PAGES)):
+        for each in commands(text):
+            if len(each) > 1:
+                parser().parse_args(each)
+                continue
+            with pytest.raises(SystemExit) as stop:  # a command that is only spoken of
+                parser().parse_args([*each, "--help"])
+            assert stop.value.code == 0
+
+
+def commands(text: str) -> list[list[str]]:
+    """Words of each `jaxfem ...` in a text, those with dots for what is left open aside."""
+    found = re.findall(r"`jaxfem ((?:--|\w)[^`]*)`", text)
+    return [shlex.split(line) for line in found if "..." not in line]
+
+
+def test_what_a_page_says_of_the_cache_is_what_the_command_does():
+    page = (ROOT / "docs" / "compile_cache.md").read_text(encoding="utf-8")
+    assert f"`{programs.SWITCH}=off`" in page and "--no-cache" in page and f"{programs.LARGEST >> 30} GB" in page
+    (block,) = blocks("python", page)
+    assert re.findall(r'"(jax_\w+)"', block) == list(EXTRA_KEYS[:1] + EXTRA_KEYS[3:])
+
+
+def test_the_architecture_page_names_every_layer():
+    table = [line for line in (ROOT / "docs" / "architecture.md").read_text().splitlines() if line.startswith("| `")]
+    named = [re.findall(r"`(\w+)`", line.split("|")[1]) for line in table]
+    order = [LEVEL[name] for names in named for name in names]
+    assert order == sorted(order) and {name for names in named for name in names} >= set(LEVEL) - {
+        "motion",  # beside what they belong to
+        "loads",
+        "energies",
+    }
 
 
 def test_the_tree_exists():

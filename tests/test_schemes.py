@@ -11,7 +11,7 @@ import scenes
 
 import jaxfem as jf
 from jaxfem.elements.mass import mass_product
-from jaxfem.model import mass_coupling, nodal_mass
+from jaxfem.model import nodal_mass, shared_mass
 from jaxfem.schemes import scheme_damping
 
 RNG = np.random.default_rng(11)
@@ -21,7 +21,7 @@ ALPHA = {"scheme": "generalized_alpha", "tolerance": 1e-11}
 @functools.cache
 def swinging(scheme, rotations="explicit"):
     """A soft beam that falls through a large angle in 0.1 s: positions at the end, as a function of the steps."""
-    kind = {"scheme": scheme, "tolerance": 1e-11, "rotations": rotations}
+    kind = {"scheme": scheme, "tolerance": 1e-11, "rotation_update": rotations}
     model, params, state = scenes.beam((4, 1, 1), young=8e4, damping=2e-3, build=kind)
 
     @jax.jit  # one program for all counts
@@ -130,7 +130,7 @@ def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver
 
     dt, miss = 3e-2, {}
     for rotations in ("explicit", "implicit"):
-        build = {"scheme": scheme, "solver": solver, "rotations": rotations, "tolerance": 1e-10}
+        build = {"scheme": scheme, "solver": solver, "rotation_update": rotations, "tolerance": 1e-10}
         model, params, state = scenes.beam((2, 1, 1), young=6e4, strain="smoothed", build=build)
         states, info = jf.rollout(model, params, state, dt, 2)
         state, end = (jax.tree.map(lambda leaf, k=k: leaf[k], states) for k in (0, 1))
@@ -157,7 +157,7 @@ def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver
 
 def test_one_long_implicit_step_is_the_equilibrium():
     """With inertia and damping out of the way a step leads to rest at once, through half a right angle."""
-    build = {"rotations": "implicit", "tolerance": 1e-9}
+    build = {"rotation_update": "implicit", "tolerance": 1e-9}
     model, params, state = scenes.beam((4, 1, 1), young=8e3, damping=0.0, build=build)
     end, info = jf.step(model, params, state, 1e3)
     rest, found = jf.equilibrium(model, params, state)
@@ -170,7 +170,7 @@ def test_one_long_implicit_step_is_the_equilibrium():
 @pytest.mark.slow
 def test_derivatives_through_implicit_rotations():
     """jvp = vjp = differences in E, nu, beta, dt and the start, in a batch too, also with an element inside out."""
-    build = {"rotations": "implicit", "tolerance": 1e-13}
+    build = {"rotation_update": "implicit", "tolerance": 1e-13}
     model, params, state = scenes.beam((1, 1, 1), strain="smoothed", build=build)
 
     def loss(z, positions):
@@ -205,7 +205,7 @@ def test_derivatives_through_implicit_rotations():
 def test_implicit_rotations_come_to_rest(dtype):
     """At rest all forces cancel: what rounding leaves of them ends the rounds, and is no failure."""
     for young in (2.6e5, 1e8):
-        build = {"rotations": "implicit", "dtype": dtype}
+        build = {"rotation_update": "implicit", "dtype": dtype}
         model, params, state = scenes.beam((4, 1, 1), young=young, damping=2e-2, build=build)
         states, info = jf.rollout(model, params, state, 2e-2, 100)
         assert not info.status.any(), young
@@ -221,7 +221,7 @@ def test_implicit_rotations_with_driven_nodes_lanes_and_single_precision():
     body = jf.SoftBody(mesh, young=1e5, poisson=0.3, density=1000.0, damping=2e-3, driven=[motion])
     ends = {}
     for dtype in (jnp.float32, jnp.float64):
-        model, params, state = jf.build(jf.Scene([body]), rotations="implicit", dtype=dtype)
+        model, params, state = jf.build(jf.Scene([body]), rotation_update="implicit", dtype=dtype)
 
         def end(young, model=model, params=params, state=state):
             states, info = jf.rollout(model, params.replace(young=young), state, 1e-2, 10)
@@ -303,7 +303,7 @@ def test_masses_that_are_not_lumped(mass):
     """Their product is the textbook's; uniform gravity and momentum act as on lumped ones; the start is in balance."""
     kind = {"scheme": "generalized_alpha", "tolerance": 1e-12, "mass": mass}
     model, params, state = scenes.beam((2, 1, 1), fixed=None, build=kind)
-    coupling, lumped = mass_coupling(model, params.density), nodal_mass(model, params.density)
+    coupling, lumped = shared_mass(model, params.density), nodal_mass(model, params.density)
     element_mass = params.density * model.elements.volumes
     v = jnp.asarray(RNG.standard_normal(model.rest.shape))
     expected = mass_product(mass, lumped, element_mass, model.elements.cells, v)

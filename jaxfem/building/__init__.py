@@ -1,0 +1,7 @@
+"""From a declared scene to (model, params, state): host side, where everything is checked and indexed, once."""
+
+from jaxfem.building.build import build
+from jaxfem.building.choose import ROTATION_UPDATES
+from jaxfem.building.soft import AccuracyWarning
+
+__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "build"]

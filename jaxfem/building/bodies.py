@@ -6,7 +6,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.mesh import locate
@@ -29,7 +28,7 @@ class BodyIndex:
         self._by_name = {name: ("soft", i) for i, name in enumerate(soft_names)}
         self._by_name |= {name: ("rigid", i) for i, name in enumerate(names)}
         turns = np.array([np.asarray(body.orientation, float) for body in rigid]).reshape(-1, 4)
-        self.rotations = Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix() if len(turns) else np.zeros((0, 3, 3))
+        self.rotations = _matrices(turns)
         self.centers = np.array(
             [np.asarray(b.position, float) + R @ b.properties[1] for b, R in zip(rigid, self.rotations, strict=True)]
         ).reshape(-1, 3)
@@ -73,6 +72,15 @@ class BodyIndex:
         if kind == "world":
             return WorldFrame(axes)
         return RigidFrame(np.array(number, np.int32), self.rotations[number].T @ axes)
+
+
+def _matrices(turns: np.ndarray) -> np.ndarray:
+    """Rotation matrices (b, 3, 3) of quaternions (b, 4), scalar first, of any length."""
+    if not len(turns):
+        return np.zeros((0, 3, 3))
+    from scipy.spatial.transform import Rotation  # slow to import: scenes of soft bodies alone do without
+
+    return Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
 
 
 def rigid_parts(bodies: Sequence[RigidBody], names: Sequence[str], index: BodyIndex, dtype: Any):

@@ -1,6 +1,5 @@
 """build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
 
-import warnings
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -9,23 +8,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_method
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
+from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
-from jaxfem.elements.domains import Domains
 from jaxfem.elements.mass import MASSES
-from jaxfem.elements.smoothing import STRAINS, build_domains
 from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.loads import FacePressure, WeightedForce
 from jaxfem.mesh import locate
 from jaxfem.mesh.groups import body_groups
-from jaxfem.model import Model, Params, State
+from jaxfem.methods import Condensed, Facts, Method
+from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
-from jaxfem.schemes import SCHEMES
-
-ROTATIONS = ("explicit", "implicit")
-SOLVERS = ("auto", "condensed", "direct", "mprgp", "pgs")
+from jaxfem.pytrees import on_device
+from jaxfem.schemes import Scheme, scheme_of
+from jaxfem.system.memory import first_memory
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
@@ -33,18 +32,14 @@ GROUP_NODES = 12
 MOST_GROUPS = 96
 
 
-class AccuracyWarning(UserWarning):
-    """The scene will run, but its discretisation is known to be biased there."""
-
-
 def build(
     scene: Scene,
     *,
-    solver: str = "auto",
-    scheme: str = "backward_euler",
-    rho_inf: float = 0.8,
+    solver: str | Method = "auto",
+    scheme: str | Scheme = "backward_euler",
+    rho_inf: float | None = None,
     mass: str = "lumped",
-    rotations: str = "explicit",
+    rotation_update: str = "explicit",
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
@@ -52,45 +47,61 @@ def build(
     """Turn a scene into the model, params and initial state that `step` takes.
 
     `solver`: "condensed" (conjugate gradients on the nodes), "direct" (rows of rigid bodies, eliminated), "mprgp" (all
-    rows), "pgs" (all rows, Gauss-Seidel) or "auto": the first where there are soft bodies, the second for rigid bodies
-    alone, the third where either would be too dear. `scheme`: "backward_euler" (first order, damps what moves fast) or
-    "generalized_alpha" (second order; a step leaves the share `rho_inf`, from 0 to 1, of the highest frequencies).
-    `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs the
-    first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass. `rotations` of
-    the elements: "explicit" (those at the start of the step, or where the second-order scheme expects its forces: one
-    linear solve) or "implicit" (iterated to the end of the step: several solves, for steps in which the body turns
+    rows), "pgs" (all rows, Gauss-Seidel), a `Method` object, or "auto": the first where there are soft bodies, the
+    second for rigid bodies alone, the third where either would be too dear; `model.method` and `model.choice` say what
+    was taken and why. `scheme`: "backward_euler" (first order, damps what moves fast), "generalized_alpha" (second
+    order; a step leaves the share `rho_inf`, from 0 to 1 and 0.8 without it, of the highest frequencies) or a `Scheme`
+    object. `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs
+    the first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass.
+    `rotation_update`: the elements' rotations are "explicit" (those at the start of the step, or where the second-order
+    scheme expects its forces: one linear solve) or "implicit" (iterated to the end of the step: several solves, for
+    steps in which the body turns
     far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
     1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
     (AccuracyWarning) of known bias.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
-    _check_choice("solver", solver, SOLVERS)
-    _check_choice("scheme", scheme, SCHEMES)
     _check_choice("mass", mass, MASSES)
-    _check_choice("rotations", rotations, ROTATIONS)
-    if mass != "lumped" and solver == "mprgp":
-        raise SceneError(f'solver = "mprgp" needs the inverse of the masses, so mass = "lumped", not {mass!r}')
-    if not (isinstance(rho_inf, int | float) and 0 <= rho_inf <= 1):
-        raise SceneError(f"rho_inf is {rho_inf!r}; it is the share of the highest frequencies left by a step, 0 to 1")
+    _check_choice("rotation_update", rotation_update, ROTATION_UPDATES)
+    asked = method_asked(solver, rotation_update)
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
     every = _names(scene.bodies)
     bodies, names = scene.soft, [n for n, b in zip(every, scene.bodies, strict=True) if isinstance(b, SoftBody)]
     for body, name in zip(bodies, names, strict=True):
-        _check_body(body, name)
+        check_body(body, name)
+    made = _scheme(scheme, rho_inf, dtype)
+    check_laws(bodies, names, made)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
-    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations)
+    model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, made, mass)
     params = _params(scene, bodies, dtype)
     starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
-    impulses = _no_impulses(model) if model.solver == "mprgp" else None
-    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype), impulses)
-    return with_coupling(scene, every, model, params, state, choose=solver == "auto")
+    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
+    state = state.replace(internal=first_memory(model.domains, dtype))
+    model, params, state = with_coupling(scene, every, model, params, state)
+    facts = Facts(
+        soft=bool(bodies),
+        rigid=bool(scene.rigid),
+        tied=bool(model.joints or model.contacts),
+        mass=mass,
+        strains=tuple(dict.fromkeys(body.strain for body in bodies)),
+        scheme=made,
+    )
+    model, state = with_method(Built(facts, model, params, state), asked, rotation_update)
+    return model, params, state
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, scheme, rho_inf, mass, rotations) -> Model:
+def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:
+    try:
+        return scheme_of(scheme, dtype, rho_inf=rho_inf)
+    except ValueError as problem:
+        raise SceneError(str(problem)) from None
+
+
+def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mass) -> Model:
     points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
     own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
@@ -104,57 +115,38 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, solver, sch
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
-        jnp.asarray(cells, jnp.int32),
+        on_device(cells, jnp.int32),
         jnp.asarray(gradients.transpose(1, 2, 0), dtype),
         jnp.asarray(volumes, dtype),
-        jnp.asarray(body_of_element, jnp.int32),
+        on_device(body_of_element, jnp.int32),
     )
     if tolerance is None:
         tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
     most = max(MOST_GROUPS, round(1.5 * len(points) ** 0.5))
     groups = body_groups(points, node_body, GROUP_NODES, most) if bodies else []
     place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
-    domains = _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
+    domains = body_domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
         elements=elements,
         domains=domains,
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
-        node_body=jnp.asarray(node_body, jnp.int32),
+        node_body=on_device(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
         pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
             _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
-        driven=tuple(jnp.asarray(d, jnp.int32) for d in driven),
+        driven=tuple(on_device(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),
         max_iterations=jnp.asarray(max_iterations, jnp.int32),
-        rho_inf=jnp.asarray(rho_inf, dtype),
-        solver="condensed" if solver == "auto" else solver,
         scheme=scheme,
+        method=Condensed(),  # until all is known: see `choose.py`
+        choice=Choice("auto", "not chosen yet"),
         rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
         mass=mass,
-        rotations=rotations,
         bodies=tuple(names),
-    )
-
-
-def _domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype) -> tuple[Domains, ...]:
-    """Where strain is taken: for each kind of domains that a body asks for, those of all bodies that do."""
-    kinds = list(dict.fromkeys(domain for body in bodies for domain in STRAINS[body.strain]))
-    made = []
-    for kind, part in kinds:
-        users = [number for number, body in enumerate(bodies) if (kind, part) in STRAINS[body.strain]]
-        chosen = np.flatnonzero(np.isin(body_of_element, users))
-        made.append(build_domains(kind, part, chosen, cells, gradients, volumes, body_of_element, place, points, dtype))
-    return tuple(made)
-
-
-def _no_impulses(model: Model) -> tuple[jax.Array, ...]:
-    """The row solver's start: a zero for each elastic row."""
-    return tuple(
-        jnp.zeros((each.rows.stop - each.rows.start, len(each.row_volumes)), each.gradients.dtype)
-        for each in model.domains
+        laws=tuple(body.made_of.law for body in bodies),
     )
 
 
@@ -164,26 +156,12 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
             lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
         )
 
-    values: dict[str, Any] = {
-        name: _material(bodies, name, dtype) for name in ("young", "poisson", "density", "damping")
-    }
     return Params(
-        **values,
-        gravity=jnp.asarray(scene.gravity, dtype),
+        constants=body_constants(bodies, dtype),
+        gravity=on_device(scene.gravity, dtype),
         loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
         motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
     )
-
-
-def _material(bodies: Sequence[SoftBody], name: str, dtype: Any) -> jax.Array:
-    """A scalar for one body, one number a body, or one an element where any body asks for that."""
-    values = [np.asarray(getattr(b, name), float) for b in bodies]
-    if not values:
-        return jnp.zeros(0, dtype)
-    if any(v.ndim for v in values):
-        spread = [np.broadcast_to(v, len(b.mesh.cells)) for v, b in zip(values, bodies, strict=True)]
-        return jnp.asarray(np.concatenate(spread), dtype)
-    return jnp.asarray(values[0] if len(values) == 1 else np.stack(values), dtype)
 
 
 def _resolved(load: Load, body: SoftBody, offset: int, dtype: Any) -> WeightedForce | FacePressure:
@@ -237,22 +215,6 @@ def _check_value(body: SoftBody, value: Any, shapes: tuple, what: str) -> None:
     array = np.asarray(value, dtype=float)
     if array.shape not in shapes or not np.isfinite(array).all():
         raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')
-
-
-def _check_body(body: SoftBody, name: str) -> None:
-    size = np.ptp(body.mesh.points, axis=0).max()
-    if not 1e-6 < size < 1e5:
-        raise SceneError(
-            f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
-        )
-    poisson = np.max(body.poisson)
-    if body.strain == "element" and poisson > 0.45:
-        warnings.warn(
-            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
-            "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
-            AccuracyWarning,
-            stacklevel=3,
-        )
 
 
 def _check_same(bodies: Sequence[SoftBody], what: str) -> None:

@@ -1,6 +1,6 @@
 """Declared contacts as groups of candidates: all pairs of one kind in one set of arrays."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
@@ -8,15 +8,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
-from jaxfem.building.embedded import embedded
+from jaxfem.building.meetings import Meeting, Touching, meeting_of
 from jaxfem.declared import Contact, SceneError
-from jaxfem.rigid.shapes import Box, HeightField, Plane, SignedDistance, TriangleMesh
-from jaxfem.rows.attachments import RigidPoint, SoftPoint
+from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.box_edges import MOST, BoxEdges
 from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
-
-GROUND = (Plane, HeightField, SignedDistance)
-MARGIN = 0.05  # of a's size
 
 
 def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -31,15 +27,94 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
             raise SceneError(f"contacts holds a {type(contact).__name__}: write contacts=[Contact(a, b), ...]")
         name = contact.name or str(number)
         where = f'contact "{name}"' if contact.name else f"contact {name}"
-        for candidates in _candidates(contact, index, where):
+        meeting = meeting_of(contact, index, where)
+        for candidates in (each for make in MAKERS for each in make(meeting)):
             count = len(candidates.margin)
             values = ContactValues(np.full(count, contact.friction), np.full(count, contact.restitution))
             label = f"{'rough' if candidates.rough else 'smooth'} {candidates.kind}"
-            if isinstance(candidates, ShapeContacts) and candidates.shared:
+            if candidates.alone:
                 label = f"{label} {name}"
             grouped.setdefault(label, []).append((candidates.replace(names=(name,) * count), values))
     rows = {label: _joined([each for each, _ in parts], dtype) for label, parts in grouped.items()}
     return rows, {label: _joined([each for _, each in parts], dtype) for label, parts in grouped.items()}
+
+
+def points_on_ground(meeting: Meeting) -> Iterator[ShapeContacts]:
+    """Points of a against ground."""
+    if meeting.ground is not None:
+        yield _against(meeting, meeting.points, meeting.ground, None)
+
+
+def nodes_on_surfaces(meeting: Meeting) -> Iterator[SurfaceContacts]:
+    """Points of a against the surface of a soft b; all of b's against a's too, where a's are not chosen."""
+    a, b = meeting.a, meeting.b
+    if b is None or b.kind != "soft":
+        return
+    ways = [(meeting.points, b)]
+    if not meeting.chosen:
+        ways.append((meeting.points_of(b), a))
+    for points, other in ways:
+        triangles = meeting.surface(other)
+        each = np.broadcast_to(triangles, (len(points.radius), *triangles.shape))
+        yield SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough)
+
+
+def points_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+    """Points of a against the shape of a rigid b."""
+    if meeting.b is not None and meeting.b.shape is not None and meeting.b.shape.is_obstacle():
+        yield _against(meeting, meeting.points, meeting.b.shape, meeting.b.number)
+
+
+def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
+    """Edges of blocks against each other, which points do not see."""
+    a, b = meeting.a, meeting.b
+    if b is None or a.shape is None or b.shape is None:
+        return
+    half_a, half_b = a.shape.edges(), b.shape.edges()
+    if half_a is None or half_b is None:
+        return
+    one, other = np.full(1, a.number, np.int32), np.full(1, b.number, np.int32)
+    origin_a, origin_b = (-meeting.bodies.rigid[side.number].properties[1][None] for side in (a, b))
+    margin = np.full(MOST, meeting.margin)
+    yield BoxEdges(one, other, half_a[None], half_b[None], origin_a, origin_b, margin, meeting.rough)
+
+
+def points_back_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+    """Points of a rigid b against a's shape, unless a is a single ball, which tells all by itself."""
+    a, b = meeting.a, meeting.b
+    if b is None or a.shape is None or b.shape is None or not a.shape.is_obstacle():
+        return
+    if not b.shape.is_obstacle() or not a.is_ball:
+        yield _against(meeting, meeting.points_of(b), a.shape, a.number)
+
+
+MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
+    points_on_ground,
+    nodes_on_surfaces,
+    points_on_shape,
+    edges_on_edges,
+    points_back_on_shape,
+)
+"""What makes candidates of two partners, in the order of a group's entries; each yields none where it has no part."""
+
+
+def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None) -> ShapeContacts:
+    """`points` against a shape: that of a rigid body, or ground."""
+    count = len(points.radius)
+    numbers = offset = None
+    if body is not None:
+        numbers = np.full(count, body, np.int32)
+        offset = np.tile(meeting.bodies.rigid[body].properties[1], (count, 1))
+    return ShapeContacts(
+        points.points,
+        points.radius,
+        shape if shape.shared else _repeated(shape, count),
+        numbers,
+        meeting.margins(points),
+        meeting.rough,
+        shape.shared,
+        offset=offset,
+    )
 
 
 def _joined(trees: list[Any], dtype: Any) -> Any:
@@ -54,112 +129,6 @@ def _joined(trees: list[Any], dtype: Any) -> Any:
     if hasattr(trees[0], "names"):
         joined = joined.replace(names=tuple(name for tree in trees for name in tree.names))
     return joined
-
-
-def _candidates(contact: Contact, index: BodyIndex, where: str) -> Iterator[Any]:
-    kind, a = index.find(contact.a, where)
-    rough = float(contact.friction) > 0
-    points: Any
-    if kind == "soft":
-        points, radius = _soft_points(contact, index, a, where)
-    elif contact.nodes is not None or contact.surface is not None:
-        what = "a surface, which is embedded in" if contact.nodes is None else "nodes, which belong to"
-        raise SceneError(f"{where} names {what} a soft body: make that one `a`")
-    else:
-        points, radius = _rigid_points(index, a)
-    size = _size(index, kind, a)
-    margin = np.full(len(radius), MARGIN * size if contact.margin is None else contact.margin)
-    if isinstance(contact.b, GROUND):
-        yield _ground(contact.b, points, radius, margin, rough)
-        return
-    other, b = index.find(contact.b, where)
-    if (kind, a) == (other, b):
-        raise SceneError(f"{where} names one body twice: a body does not touch itself here")
-    if other == "soft" and kind == "rigid":
-        raise SceneError(f"{where}: put the soft body first, Contact(soft, rigid)")
-    if other == "soft":
-        yield _soft_pair(points, index, b, margin[0], rough)
-        if contact.nodes is None and contact.surface is None:
-            yield _soft_pair(_soft_points(contact, index, b, where)[0], index, a, margin[0], rough)
-        return
-    shape = index.rigid[b].shape
-    if isinstance(shape, TriangleMesh):
-        if kind == "soft" or isinstance(index.rigid[a].shape, TriangleMesh):
-            raise SceneError(
-                f'{where}: "{index.rigid[b].label}" is a triangle mesh, which others cannot touch with points'
-            )
-    else:
-        yield _against(index, points, radius, margin, b, rough)
-    if kind == "rigid" and isinstance(shape, Box) and isinstance(index.rigid[a].shape, Box):
-        yield _box_edges(index, a, b, margin[0], rough)
-    if kind == "rigid" and not _round(index, a) and not _round(index, b):
-        back, radii = _rigid_points(index, b)
-        yield _against(index, back, radii, np.full(len(radii), margin[0]), a, rough)
-    elif kind == "rigid" and isinstance(shape, TriangleMesh):
-        back, radii = _rigid_points(index, b)
-        yield _against(index, back, radii, np.full(len(radii), margin[0]), a, rough)
-
-
-def _round(index: BodyIndex, number: int) -> bool:
-    """Whether a body touches with a single ball, so that one point tells all."""
-    return len(index.rigid[number].shape.features()[0]) == 1
-
-
-def _ground(shape: Any, points: Any, radius: np.ndarray, margin: np.ndarray, rough: bool) -> ShapeContacts:
-    shared = not isinstance(shape, Plane)
-    return ShapeContacts(
-        points, radius, shape if shared else _repeated(shape, len(radius)), None, margin, rough, shared
-    )
-
-
-def _against(index: BodyIndex, points: Any, radius: Any, margin: Any, body: int, rough: bool) -> ShapeContacts:
-    count = len(radius)
-    shape = _repeated(index.rigid[body].shape, count)
-    return ShapeContacts(points, radius, shape, np.full(count, body, np.int32), margin, rough, False)
-
-
-def _box_edges(index: BodyIndex, a: int, b: int, margin: float, rough: bool) -> BoxEdges:
-    half_a, origin_a = _block(index.rigid[a])
-    half_b, origin_b = _block(index.rigid[b])
-    one, other = np.full(1, a, np.int32), np.full(1, b, np.int32)
-    return BoxEdges(one, other, half_a, half_b, origin_a, origin_b, np.full(MOST, margin), rough)
-
-
-def _block(body: Any) -> tuple[np.ndarray, np.ndarray]:
-    """Halves of a box's size, and its origin from the centre of mass, (1, 3) each."""
-    return np.asarray(body.shape.size, float)[None] / 2, -body.properties[1][None]
-
-
-def _soft_pair(points: SoftPoint, index: BodyIndex, b: int, margin: float, rough: bool) -> SurfaceContacts:
-    triangles = (index.soft[b].mesh.surface + index.offsets[b]).astype(np.int32)
-    each = np.broadcast_to(triangles, (len(points.nodes), *triangles.shape))
-    return SurfaceContacts(points, each, np.full(len(points.nodes), margin), rough)
-
-
-def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) -> tuple[SoftPoint, np.ndarray]:
-    body = index.soft[number]
-    if contact.surface is not None:
-        cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
-        return SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells))
-    chosen = body.mesh.surface_nodes if contact.nodes is None else body.nodes_of("nodes of a contact", contact.nodes)
-    if not len(chosen):
-        raise SceneError(f"{where} touches with no node: its selection of nodes is empty")
-    nodes = (np.asarray(chosen)[:, None] + index.offsets[number]).astype(np.int32)
-    return SoftPoint(nodes, np.ones(nodes.shape)), np.zeros(len(nodes))
-
-
-def _rigid_points(index: BodyIndex, number: int) -> tuple[RigidPoint, np.ndarray]:
-    body = index.rigid[number]
-    places, radius = body.shape.features()
-    local = places - body.properties[1]
-    return RigidPoint(np.full(len(local), number, np.int32), local), radius
-
-
-def _size(index: BodyIndex, kind: str, number: int) -> float:
-    if kind == "soft":
-        return float(np.ptp(index.soft[number].mesh.points, axis=0).max())
-    places, radius = index.rigid[number].shape.features()
-    return float(np.ptp(places, axis=0).max() + 2 * radius.max())
 
 
 def _repeated(shape: Any, count: int) -> Any:

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.elements.domains import Domains
-from jaxfem.model import Pattern
+from jaxfem.elements.pattern import Pattern
+from jaxfem.pytrees import on_device
 
 
 def solver_order(points: int, groups: list[np.ndarray]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -44,20 +45,20 @@ def sparsity(
     keys, pairs = _pairs([c if use else c[:0] for c, use in zip(cells, assembled, strict=True)], valid, nodes)
     neighbours, blocks = _padded_rows(keys // nodes, keys % nodes, nodes)
     return Pattern(
-        jnp.asarray(neighbours, jnp.int32),
-        jnp.asarray(blocks, jnp.int32),
-        tuple(tuple(jnp.asarray(slots, jnp.int32) for slots in each) for each in pairs),
-        tuple(jnp.asarray(c[: 0 if use else None], jnp.int32) for c, use in zip(cells, assembled, strict=True)),
+        on_device(neighbours, jnp.int32),
+        on_device(blocks, jnp.int32),
+        tuple(tuple(on_device(slots, jnp.int32) for slots in each) for each in pairs),
+        tuple(on_device(c[: 0 if use else None], jnp.int32) for c, use in zip(cells, assembled, strict=True)),
         tuple(
-            jnp.asarray(_incidences(c[: 0 if use else None], v, nodes), jnp.int32)
+            on_device(_incidences(c[: 0 if use else None], v, nodes), jnp.int32)
             for c, v, use in zip(cells, valid, assembled, strict=True)
         ),
-        jnp.asarray(order, jnp.int32),
-        jnp.asarray(place, jnp.int32),
-        jnp.asarray(real, dtype),
-        jnp.asarray(_frames(points, [d for d, use in zip(domains, assembled, strict=True) if use], groups), jnp.int32),
-        tuple(jnp.asarray(_occurrences(place[np.asarray(each.slot_node)], nodes), jnp.int32) for each in shared),
-        None if corners is None else jnp.asarray(_corner_pairs(place[corners], keys, nodes), jnp.int32),
+        on_device(order, jnp.int32),
+        on_device(place, jnp.int32),
+        on_device(real, dtype),
+        on_device(_frames(points, [d for d, use in zip(domains, assembled, strict=True) if use], groups), jnp.int32),
+        tuple(on_device(_occurrences(place[np.asarray(each.slot_node)], nodes), jnp.int32) for each in shared),
+        None if corners is None else on_device(_corner_pairs(place[corners], keys, nodes), jnp.int32),
         len(keys),
     )
 

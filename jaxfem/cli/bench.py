@@ -27,7 +27,7 @@ def add(subparsers: Any) -> None:
     )
     parser.add_argument("--out", metavar="FOLDER", default="bench", help="where tables and plot go (default: bench)")
     parser.add_argument("--quick", action="store_true", help="one small scene: does it work, rather than how fast")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, kept=False)  # a program that was kept would not tell what it takes to compile
 
 
 def run(args: argparse.Namespace) -> int:

@@ -14,7 +14,7 @@ from jaxfem.fitting import FitResult, Recording, attach, marker_positions, write
 from jaxfem.io.examples import beam_scene
 from jaxfem.io.fit_files import load_fit
 from jaxfem.io.scene_files import load_scene
-from jaxfem.stepping.step import rollout
+from jaxfem.stepping import rollout
 
 TRUE = {"young": 2.6e5, "poisson": 0.4, "damping": 4e-3}
 START = {"young": 8e6, "poisson": 0.2, "damping": 4e-4}  # the stiffness thirty times off

@@ -11,7 +11,6 @@ import jax
 
 from jaxfem.cli.messages import warning
 from jaxfem.fitting import FitError, FitResult, attach, fit, read_recording
-from jaxfem.fitting.unknowns import UNITS
 from jaxfem.io.fit_files import FitFile, load_fit
 from jaxfem.io.fit_plots import plot_fit, plot_loss
 from jaxfem.io.plots import PlotError, require_matplotlib
@@ -83,7 +82,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
     return {
         "values": result.values,
         "standard_errors": result.standard_errors,
-        "units": {name: UNITS[name] for name in result.values},
+        "units": {each.name: each.unit for each in result.constants},
         "correlation": result.correlation.tolist(),
         "loss": result.loss,
         "residual_rms_m": result.noise,

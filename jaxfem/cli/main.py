@@ -1,7 +1,8 @@
 """The `jaxfem` command. Each subcommand is a module with `add(subparsers)` and `run(args) -> exit code`.
 
-`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`. Exit codes: 0 done, 2 a mistake in the
-input, 3 a computation that failed, 130 interrupted.
+`add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`, with `kept=False` where what earlier
+runs have compiled must not be used. Exit codes: 0 done, 2 a mistake in the input, 3 a computation that failed, 130
+interrupted.
 """
 
 import argparse
@@ -14,9 +15,10 @@ from typing import Any
 import jaxfem
 from jaxfem.cli import bench, demo, fit, mesh_info, simulate
 from jaxfem.cli.messages import error, warning
+from jaxfem.cli.programs import keep_programs
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
-from jaxfem.materials.moduli import MaterialError
+from jaxfem.materials.constants import MaterialError
 from jaxfem.mesh import MeshError
 
 COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info)
@@ -33,10 +35,16 @@ USER_ERRORS = (
 
 
 def main(argv: Sequence[str] | None = None) -> int:
-    """Run the command line `argv` (without the program's name; the process's own when None); returns the exit code."""
+    """Run the command line `argv` (without the program's name; the process's own when None); returns the exit code.
+
+    Compiled programs are kept between runs only for the process's own command line: a caller's process is his.
+    """
     words = list(sys.argv[1:] if argv is None else argv)
-    debug = "--debug" in words  # taken anywhere on the line
-    args = parser().parse_args([word for word in words if word != "--debug"])
+    given = {switch: switch in words for switch in ("--debug", "--no-cache")}  # taken anywhere on the line
+    debug = given["--debug"]
+    args = parser().parse_args([word for word in words if word not in given])
+    if argv is None:
+        keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
         warnings.simplefilter("always", jaxfem.AccuracyWarning)
         _show_warnings_briefly()
@@ -59,6 +67,8 @@ def parser() -> argparse.ArgumentParser:
     made = argparse.ArgumentParser(prog="jaxfem", description="Simulate soft bodies. Units are SI throughout.")
     made.add_argument("--version", action="version", version=f"jaxfem {metadata.version('jaxfem')}")
     made.add_argument("--debug", action="store_true", help="show where an error comes from")
+    made.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none (JAXFEM_CACHE)")
+    made.set_defaults(kept=True)
     subparsers = made.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(subparsers)
@@ -73,12 +83,19 @@ def _text(problem: BaseException) -> str:
 
 
 def _show_warnings_briefly() -> None:
-    """Until the surrounding catch_warnings ends: the package's warnings as a line, others as Python shows them."""
-    usual = warnings.showwarning
+    """Until the surrounding catch_warnings ends: the package's warnings as a line, others as Python shows them.
+
+    Of programs that cannot be kept (a disk that is full) the first is told, not each.
+    """
+    usual, lost = warnings.showwarning, list[Any]()
 
     def show(message: Any, category: type[Warning], *rest: Any, **more: Any) -> None:
         if issubclass(category, jaxfem.AccuracyWarning):
             warning(message)
+        elif "persistent compilation cache" in str(message):
+            if not lost:
+                warning(f"{_text(message)}; going on without (said once)")
+            lost.append(message)
         else:
             usual(message, category, *rest, **more)
 

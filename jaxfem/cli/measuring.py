@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 
 import jaxfem as jf
-from jaxfem.stepping.step import rollout
+from jaxfem.stepping import rollout
 
 EXACT = 1e-11
 TOLERANCES = {"float32": (1e-2, 1e-3, 1e-4, 1e-5), "float64": (1e-2, 1e-4, 1e-6, 1e-8)}

@@ -12,7 +12,7 @@ from jaxfem.cli.progress import Progress
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status, describe
-from jaxfem.stepping.step import rollout, step
+from jaxfem.stepping import rollout, step
 
 
 @dataclasses.dataclass
@@ -64,7 +64,8 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
     begun = time.perf_counter()
     states, infos = jax.block_until_ready(rollout(run.model, run.params, run.state, run.dt, count, every=count))
     run.chunks.append((count, time.perf_counter() - begun))
-    following, info = jax.tree.map(lambda leaf: leaf[0], (states, infos))
+    # Through the host, where the frame is written anyway: on the device each shape would take a program of its own.
+    following, info = jax.tree.map(lambda leaf: np.asarray(leaf)[0], (states, infos))
     if _failed(following, info):
         taken, following, info = _first_failure(run, count, following, info)
         run.problem = _problem(run, run.done + taken, following, info)

@@ -1,37 +1,42 @@
 """Contacts as a user declares them: which two things may touch, and how rough and bouncy they are."""
 
-import dataclasses
+from dataclasses import dataclass, field
 from typing import Any
 
 from jaxfem.declared.errors import SceneError, checked_number
+from jaxfem.inputs import Nodes, Number, Text, Vertices, takes
+from jaxfem.rigid.shapes.base import Shape, obstacles
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class Contact:
     """`a` and `b` do not pass through each other.
 
-    `a`: a body of the scene (the object or its name). `b`: another body, or ground: a `Plane`, a `HeightField` or a
-    `SignedDistance`. A soft body touches with the `nodes` of its surface (all, or a selection), or in their place with
-    the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start: each moves
-    with the element that holds it or is nearest to it. A rigid body touches with what its shape's `features` lists.
+    `a`: a body of the scene (the object or its name). `b`: another body, or ground: a `Plane`, a `HeightField`, a
+    `SignedDistance` or another shape with a distance, at the world's origin. A soft body touches with the `nodes` of
+    its surface (all, or a selection), or in their place with the vertices `surface` (q, 3) [m] of a finer surface
+    embedded in it, given where they are at the start: each moves with the element that holds it or is nearest to it. A
+    rigid body touches with what its shape's `features` lists.
     Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
     `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after an impact over speed before.
     `margin` [m]: pairs further apart than this, beyond what they approach within the step, take no part (a twentieth of
     a's size without it). Raises SceneError.
     """
 
-    a: Any
-    b: Any
-    friction: float = 0.5
-    restitution: float = 0.0
-    margin: float | None = None
-    nodes: Any = None
-    surface: Any = None
-    name: str | None = None
+    a: Any = field(metadata=takes(Text()))
+    b: Any = field(metadata=takes(Text()))
+    friction: float = field(default=0.5, metadata=takes(Number()))
+    restitution: float = field(default=0.0, metadata=takes(Number()))
+    margin: float | None = field(default=None, metadata=takes(Number("m", positive=True, optional=True)))
+    nodes: Any = field(default=None, metadata=takes(Nodes(optional=True)))
+    surface: Any = field(default=None, metadata=takes(Vertices(optional=True)))
+    name: str | None = field(default=None, metadata=takes(Text(optional=True)))
 
     def __post_init__(self) -> None:
         if self.a is None or self.b is None:
             raise SceneError(f'"{self.label}" needs two partners; ground is a Plane, a HeightField or a SignedDistance')
+        if isinstance(self.b, Shape):
+            self._check_ground(self.b)
         checked_number(f'friction of "{self.label}"', self.friction, low=0)
         checked_number(f'restitution of "{self.label}"', self.restitution, low=0, high=1)
         if self.nodes is not None and self.surface is not None:
@@ -43,3 +48,10 @@ class Contact:
     def label(self) -> str:
         """The contact's name in messages."""
         return self.name or "Contact"
+
+    def _check_ground(self, ground: Shape) -> None:
+        if not ground.is_obstacle():
+            known = ", ".join(each.__name__ for each in obstacles())
+            raise SceneError(f'"{self.label}" has a {type(ground).__name__} for ground; ground is one of {known}')
+        if flaw := ground.flaw(f"the ground of {self.label}"):
+            raise SceneError(flaw)

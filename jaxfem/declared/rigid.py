@@ -1,19 +1,20 @@
 """A rigid body as a user declares it."""
 
-import dataclasses
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import Any
 
 import numpy as np
 
 from jaxfem.declared.errors import SceneError, checked_number, checked_vector
+from jaxfem.inputs import Flag, Number, Text, Vector, takes
 from jaxfem.motion import Motion
-from jaxfem.rigid.shapes import SOLIDS
+from jaxfem.rigid.shapes.base import Shape, solids
 
 
-@dataclasses.dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class RigidBody:
-    """A rigid body: a shape (`Sphere`, `Box`, `Capsule`, `Cylinder`, `TriangleMesh`), its mass and its start.
+    """A rigid body: a shape (`Sphere`, `Box`, `Capsule`, `Cylinder`, `TriangleMesh`, or one of your own), mass, start.
 
     `density` [kg/m^3] or `mass` [kg], one of them; `inertia` (3, 3) [kg m^2] about the centre of mass in the shape's
     frame, the shape's own without it. `position` (3,) [m] of the shape's origin and `orientation`, a quaternion, scalar
@@ -22,27 +23,24 @@ class RigidBody:
     """
 
     shape: Any
-    density: Any = None
-    mass: Any = None
-    position: Any = (0.0, 0.0, 0.0)
-    orientation: Any = (1.0, 0.0, 0.0, 0.0)
-    velocity: Any = (0.0, 0.0, 0.0)
-    angular_velocity: Any = (0.0, 0.0, 0.0)
-    fixed: bool = False
+    density: Any = field(default=None, metadata=takes(Number("kg/m^3", positive=True, optional=True)))
+    mass: Any = field(default=None, metadata=takes(Number("kg", positive=True, optional=True)))
+    position: Any = field(default=(0.0, 0.0, 0.0), metadata=takes(Vector("m")))
+    orientation: Any = field(default=(1.0, 0.0, 0.0, 0.0), metadata=takes(Vector(length=4)))
+    velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=takes(Vector("m/s")))
+    angular_velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=takes(Vector("rad/s")))
+    fixed: bool = field(default=False, metadata=takes(Flag()))
     motion: Motion | None = None
     inertia: Any = None
-    name: str | None = None
+    name: str | None = field(default=None, metadata=takes(Text(optional=True)))
 
     def __post_init__(self) -> None:
         label = self.label
-        if not isinstance(self.shape, SOLIDS):
-            known = ", ".join(each.__name__ for each in SOLIDS)
+        if not (isinstance(self.shape, Shape) and self.shape.is_solid()):
+            known = ", ".join(each.__name__ for each in solids())
             raise SceneError(f'shape of "{label}" is a {type(self.shape).__name__}; a rigid body is one of {known}')
-        for field in dataclasses.fields(self.shape):
-            size = np.asarray(getattr(self.shape, field.name))
-            if field.name != "points" and field.name != "triangles":
-                if not (np.issubdtype(size.dtype, np.number) and np.isfinite(size).all() and (size > 0).all()):
-                    raise SceneError(f'{field.name} of "{label}" is {size.tolist()}; lengths must be positive, in m')
+        if flaw := self.shape.flaw(label):
+            raise SceneError(flaw)
         if (self.density is None) == (self.mass is None):
             raise SceneError(f'"{label}" needs `density` in kg/m^3 or `mass` in kg, one of them')
         for what in ("density", "mass"):

@@ -5,14 +5,14 @@ rotation and one strain; so a domain is a tetrahedron with more corners, and eve
 Smoothing over nodes: Bonet & Burton 1998; over edges, and both at once: Nguyen-Thoi, Liu, Lam & Zhang 2009.
 """
 
-from collections.abc import Sequence
-from typing import Literal
+from collections.abc import Mapping, Sequence
+from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.tetra import RotationKind, rotated_strain, rotation_of
-from jaxfem.materials.moduli import eigenstiffness
+from jaxfem.materials.base import Material
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
 
@@ -58,7 +58,8 @@ class Domains(Pytree):
     Domains of more nodes come first. `cells` (D, m), in the solver's order of nodes, padded by repeating the first;
     `gradients` (m, 3, D) [1/m]: of the mean deformation gradient in the nodes' places, 0 on padding; `volumes` (D,)
     [m^3]; `body` (D,). `members` (D, k) and `shares` (D, k): elements averaged over and their shares of the volume;
-    None where domain d is element d. `clusters`: with them the rows are on the clusters' mean strains.
+    None where domain d is element d. `law`: of their material. `clusters`: with them the rows are on the clusters' mean
+    strains.
     """
 
     cells: Array
@@ -68,6 +69,7 @@ class Domains(Pytree):
     members: Array | None
     shares: Array | None
     part: Part = static()
+    law: Material = static()
     clusters: Clusters | None = None
 
     @property
@@ -108,14 +110,11 @@ def domain_gradient(domains: Domains, field: Array) -> Matrix3:
         differences = corners - corners[:, :1]
         exact = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer digits
         return matrix_of(jnp.einsum("dai,ajd->ijd", differences, domains.gradients, precision=exact))
-    # Written out: twice as fast on a CPU for tetrahedra, but long programs to compile for larger domains.
+    # Written out: twice as fast on a CPU for tetrahedra. The barrier keeps XLA from gathering anew for each entry.
     along, g = field.T, domains.gradients
-    first, *others = ([along[i][cells] for i in range(3)] for cells in domains.cells.T)
-    difference = [[x - x0 for x, x0 in zip(corner, first, strict=True)] for corner in others]
-    return [
-        [difference[0][i] * g[1, j] + difference[1][i] * g[2, j] + difference[2][i] * g[3, j] for j in range(3)]
-        for i in range(3)
-    ]
+    corners = jnp.stack([along[i][domains.cells.T] for i in range(3)])
+    difference = jax.lax.optimization_barrier(corners[:, 1:] - corners[:, :1])
+    return matrix_of(sum((difference[:, a, None] * g[a + 1] for a in (1, 2)), start=difference[:, 0, None] * g[1]))
 
 
 def domain_strain(
@@ -160,9 +159,32 @@ def domain_force(domains: Domains, rotation: Matrix3, stress: Sequence[Array], n
     return jnp.zeros((nodes, 3), forces.dtype).at[domains.cells].add(forces)
 
 
-def domain_stiffness(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
+class DomainMaterial(Pytree):
+    """The material of domains of one kind, each () or one number a set of rows, (D,) or (C,).
+
+    Stress D (e + offset + damping de/dt), D of the `volumetric` and the `deviatoric` stiffness (3K, 2 mu) [Pa];
+    `damping` beta [s]. Materials with a memory have an `offset` (r, D), else None, and `damping` (r, D) where it
+    differs between rows.
+    """
+
+    volumetric: Any
+    deviatoric: Any
+    damping: Any
+    offset: Array | None = None
+
+    def weights(self, domains: Domains) -> list[Any]:
+        """Stiffness of each of the rows."""
+        return [self.volumetric, *[self.deviatoric] * 5][domains.rows]
+
+
+def domain_material(domains: Domains, values: Mapping[str, Array]) -> DomainMaterial:
+    """Material of each set of rows, from the `values` of its constants, () or (E,)."""
+    return DomainMaterial(*domain_stiffness(domains, values), domain_damping(domains, values))
+
+
+def domain_stiffness(domains: Domains, values: Mapping[str, Array]) -> tuple[Array, Array]:
     """Volumetric and deviatoric stiffness (3K, 2 mu) of each set of rows, () or (D,) or (C,) [Pa]."""
-    volumetric, deviatoric = eigenstiffness(young, poisson)
+    volumetric, deviatoric = domains.law.stiffness(values)
     local, shared = bulk_shares(volumetric, deviatoric)
     volumetric = {"local_volumetric": local, "shared_volumetric": shared}.get(domains.part, volumetric)
     return domain_mean(domains, volumetric), domain_mean(domains, deviatoric)
@@ -180,11 +202,12 @@ def bulk_shares(volumetric: Array, deviatoric: Array) -> tuple[Array, Array]:
     return volumetric / root, volumetric * ratio**2 / (root * (root + 1))
 
 
-def domain_damping(domains: Domains, young: Array, poisson: Array, damping: Array) -> Array:
+def domain_damping(domains: Domains, values: Mapping[str, Array]) -> Any:
     """Damping time beta of each set of rows, () or (D,) or (C,) [s]: mean weighted by the part's stiffness."""
+    damping = domains.law.damping(values)
     if domains.members is None or jnp.ndim(damping) == 0:
         return damping
-    weight = eigenstiffness(young, poisson)[0 if domains.volumetric else 1]
+    weight = domains.law.stiffness(values)[0 if domains.volumetric else 1]
     return domain_mean(domains, weight * damping) / domain_mean(domains, weight)
 
 

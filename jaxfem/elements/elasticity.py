@@ -6,10 +6,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import (
+    DomainMaterial,
     Domains,
     domain_force,
     domain_gradient,
-    domain_stiffness,
     domain_strains,
     row_means,
 )
@@ -20,33 +20,35 @@ Array = jax.Array
 
 
 def elastic_energy(
-    kinds: Sequence[Domains], positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
+    kinds: Sequence[Domains], positions: Array, materials: Sequence[DomainMaterial], kind: RotationKind = "polar"
 ) -> Array:
-    """Elastic energy of all domains at `positions` (n, 3), () [J]. `young` and `poisson`: () or one an element."""
-    return elastic_response(kinds, positions, young, poisson, kind)[0]
+    """Elastic energy of all domains at `positions` (n, 3), () [J]; `materials`: one for each kind."""
+    return elastic_response(kinds, positions, materials, kind)[0]
 
 
 def elastic_force(
-    kinds: Sequence[Domains], positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
+    kinds: Sequence[Domains], positions: Array, materials: Sequence[DomainMaterial], kind: RotationKind = "polar"
 ) -> Array:
     """Elastic force of all domains on the nodes, (n, 3) [N]."""
-    return elastic_response(kinds, positions, young, poisson, kind)[1]
+    return elastic_response(kinds, positions, materials, kind)[1]
 
 
 def elastic_response(
-    kinds: Sequence[Domains], positions: Array, young: Array, poisson: Array, kind: RotationKind = "polar"
+    kinds: Sequence[Domains], positions: Array, materials: Sequence[DomainMaterial], kind: RotationKind = "polar"
 ) -> tuple[Array, Array, list[Matrix3]]:
     """Energy () [J], force on the nodes (n, 3) [N], and each kind's rotations.
 
-    Energy V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain in the eigenbasis; force -V R S grad N_a, S the stress.
+    Energy V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain in the eigenbasis, plus the material's offset where it
+    has one; force -V R S grad N_a, S the stress.
     With the nearest rotation the force is minus the gradient of the energy (stress and stretch share axes); with
     Gram-Schmidt it is the warped force of Mueller & Gross 2004, which has no energy.
     """
     energy, force, rotations = jnp.zeros((), positions.dtype), jnp.zeros_like(positions), []
-    for each, (strain, rotation, _) in zip(kinds, domain_strains(kinds, positions, kind), strict=True):
-        volumetric, deviatoric = domain_stiffness(each, young, poisson)
-        weights = [volumetric, *[deviatoric] * 5][each.rows]
-        impulse = [each.row_volumes * w * s for w, s in zip(weights, strain, strict=True)]
+    strains = domain_strains(kinds, positions, kind)
+    for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
+        if material.offset is not None:
+            strain = [s + o for s, o in zip(strain, material.offset, strict=True)]
+        impulse = [each.row_volumes * w * s for w, s in zip(material.weights(each), strain, strict=True)]
         energy = energy + 0.5 * sum(jnp.vdot(p, s) for p, s in zip(impulse, strain, strict=True))
         force = force + domain_force(each, rotation, [-p for p in impulse], positions.shape[0])
         rotations.append(rotation)
@@ -57,16 +59,16 @@ def viscoelastic_force(
     kinds: Sequence[Domains],
     positions: Array,
     velocities: Array,
-    materials: Sequence[tuple[tuple[Array, Array], Array]],
+    materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
 ) -> Array:
-    """Force (n, 3) [N] of the stress D (e + beta de/dt); `materials`: stiffness (3K, 2 mu) and beta of each kind."""
+    """Force (n, 3) [N] of the stress D (e + beta de/dt); `materials`: one for each kind."""
     force = jnp.zeros_like(positions)
     strains = domain_strains(kinds, positions, kind)
-    for each, (strain, rotation, _), (stiffness, damping) in zip(kinds, strains, materials, strict=True):
+    for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
         rate = symmetric(product(transposed(rotation), domain_gradient(each, velocities)))
         rates = row_means(each, to_eigenbasis(rate)[each.rows])
-        weights = [stiffness[0], *[stiffness[1]] * 5][each.rows]
-        pull = [-each.row_volumes * w * (s + damping * r) for w, s, r in zip(weights, strain, rates, strict=True)]
+        terms = zip(material.weights(each), strain, rates, strict=True)
+        pull = [-each.row_volumes * w * (s + material.damping * r) for w, s, r in terms]
         force = force + domain_force(each, rotation, pull, positions.shape[0])
     return force

@@ -29,7 +29,7 @@ def mass_product(kind: MassKind, lumped: Array, element_mass: Array, cells: Arra
     return consistent if kind == "consistent" else 0.5 * (consistent + lumped[:, None] * vector)
 
 
-class MassCoupling(Pytree):
+class SharedMass(Pytree):
     """What consistent or averaged masses add to lumped ones: they tie the corners of each element together.
 
     `element_mass` (E,) [kg], times the share that is consistent; `cells` (E, 4); `pairs` (6, E): where the blocks of an

@@ -6,7 +6,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.elements.domains import Clusters, Domains, Part
+from jaxfem.materials.base import Material
 from jaxfem.mesh.groups import body_groups
+from jaxfem.pytrees import on_device
 
 STRAINS: dict[str, tuple[tuple[str, Part], ...]] = {
     "element": (("element", "full"),),
@@ -25,6 +27,7 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 def build_domains(
     kind: str,
     part: Part,
+    law: Material,
     chosen: np.ndarray,
     cells: np.ndarray,
     gradients: np.ndarray,
@@ -34,7 +37,7 @@ def build_domains(
     points: np.ndarray,
     dtype: Any,
 ) -> Domains:
-    """Domains of one kind ("element", "edge" or "node") over the `chosen` elements of a model.
+    """Domains of one kind ("element", "edge" or "node") over the `chosen` elements of a model, all of one `law`.
 
     `cells` (E, 4), `gradients` (E, 4, 3), `volumes` (E,), `body` (E,) of all elements, float64; `place` (n,) the rank
     of each node, by which a domain's nodes are sorted; `points` (n, 3).
@@ -54,13 +57,14 @@ def build_domains(
         own = np.unique(cells[chosen])[order]
         clusters = _clusters(points[own], body[members[order, 0]], total[order], nodes[order], valence[order], dtype)
     return Domains(
-        jnp.asarray(nodes[order], jnp.int32),
-        jnp.asarray(mean[order].transpose(1, 2, 0), dtype),
-        jnp.asarray(total[order], dtype),
-        jnp.asarray(body[members[order, 0]], jnp.int32),
-        None if whole else jnp.asarray(members[order], jnp.int32),
-        None if whole else jnp.asarray(shares[order], dtype),
+        on_device(nodes[order], jnp.int32),
+        on_device(mean[order].transpose(1, 2, 0), dtype),
+        on_device(total[order], dtype),
+        on_device(body[members[order, 0]], jnp.int32),
+        None if whole else on_device(members[order], jnp.int32),
+        None if whole else on_device(shares[order], dtype),
         part,
+        law,
         clusters,
     )
 
@@ -79,12 +83,12 @@ def _clusters(centres, body, volumes, nodes, valence, dtype) -> Clusters:
     padded = np.full(nodes.shape, len(pairs))
     padded[real] = slots.ravel()
     return Clusters(
-        jnp.asarray(owner, jnp.int32),
-        jnp.asarray(volumes / total[owner], dtype),
-        jnp.asarray(total, dtype),
-        jnp.asarray(padded, jnp.int32),
-        jnp.asarray(pairs // count, jnp.int32),
-        jnp.asarray(pairs % count, jnp.int32),
+        on_device(owner, jnp.int32),
+        on_device(volumes / total[owner], dtype),
+        on_device(total, dtype),
+        on_device(padded, jnp.int32),
+        on_device(pairs // count, jnp.int32),
+        on_device(pairs % count, jnp.int32),
     )
 
 

@@ -6,9 +6,12 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.statistics import OPEN_CORRELATION, OPEN_LOG, OPEN_POISSON, Uncertainty, ringing_frequency
-from jaxfem.fitting.unknowns import UNITS, Unknowns
-from jaxfem.model import Model, Params
+from jaxfem.fitting.statistics import OPEN_CORRELATION, Uncertainty, ringing_frequency
+from jaxfem.fitting.unknowns import Unknowns
+from jaxfem.materials.constants import Constant
+from jaxfem.materials.linear import DAMPING, POISSON
+from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.model import Model, Params, element_stiffness
 
 
 def advice(
@@ -28,7 +31,7 @@ def advice(
         *_scheme_damping(model, params, unknowns, measured, simulated, dt),
         *_at_bounds(unknowns, z),
         *_open_unknowns(unknowns, uncertainty),
-        *_auxetic(unknowns, z),
+        *_doubtful(unknowns, z),
         *_samples(measured, uncertainty),
     ]
     if step_failures:
@@ -42,10 +45,10 @@ def advice(
 
 
 def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
-    poisson = float(jnp.max(params.poisson))
-    if poisson <= 0.45 or not any(each.part == "full" for each in model.domains):
+    poisson = float(jnp.max(ratio_and_modulus(*element_stiffness(model, params))[0]))
+    if poisson <= 0.45 + 1e-6 or not any(each.part == "full" for each in model.domains):
         return []
-    held = "fitted" if "poisson" in unknowns.names else "held"
+    held = "held" if POISSON.name in params.constants and POISSON not in unknowns.constants else "fitted"
     return [
         f"Poisson's ratio {held} at {poisson:.4g} with plain linear tetrahedra, which lock above 0.45: they are too "
         "stiff (about five times near 0.499 on a coarse mesh), and Young's modulus comes out too low by that factor. "
@@ -57,9 +60,9 @@ def _scheme_damping(
     model: Model, params: Params, unknowns: Unknowns, measured: Measurement, simulated: np.ndarray, dt: float
 ) -> list[str]:
     """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
-    if model.scheme != "backward_euler" or "damping" not in unknowns.names:
+    if model.scheme.order > 1 or DAMPING not in unknowns.constants:
         return []
-    damping = float(jnp.mean(params.damping))
+    damping = float(jnp.mean(params.constants[DAMPING.name]))
     frequency = ringing_frequency(measured.times, simulated)
     if dt < 0.5 * damping or frequency == 0:
         return []
@@ -75,11 +78,11 @@ def _scheme_damping(
 def _at_bounds(unknowns: Unknowns, z: np.ndarray) -> list[str]:
     texts = []
     values = unknowns.values(z)
-    for name, each, low, high in zip(unknowns.names, z, *unknowns.box, strict=True):
+    for constant, each, low, high in zip(unknowns.constants, z, *unknowns.box, strict=True):
         if min(each - low, high - each) < 1e-6 * (high - low):
             end = "lower" if each - low < high - each else "upper"
             texts.append(
-                f"{name} ended at its {end} bound, {values[name]:.4g} {UNITS[name]}".rstrip()
+                f"{constant.name} ended at its {end} bound, {values[constant.name]:.4g} {constant.unit}".rstrip()
                 + ": the data want a value beyond it. Widen the bounds, or ask what the model lacks"
             )
     return texts
@@ -93,10 +96,11 @@ def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
             "that move otherwise (across the body for poisson, more ringing for damping)"
         ]
     texts, spread = [], np.sqrt(np.diag(uncertainty.covariance))
-    for name, each in zip(names, spread, strict=True):
-        limit = OPEN_POISSON / 0.1 if name == "poisson" else np.inf if name == "delay" else OPEN_LOG
-        if each > limit:
-            texts.append(f"{name} is practically undetermined by these samples: its error bar is as large as itself")
+    for constant, each in zip(unknowns.constants, spread, strict=True):
+        if each > constant.transform.open_spread:
+            texts.append(
+                f"{constant.name} is practically undetermined by these samples: its error bar is as large as itself"
+            )
     correlation = uncertainty.correlation
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
         if abs(correlation[i, j]) > OPEN_CORRELATION:
@@ -107,14 +111,12 @@ def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
     return texts
 
 
-def _auxetic(unknowns: Unknowns, z: np.ndarray) -> list[str]:
-    poisson = unknowns.values(z).get("poisson", 0.0)
-    if poisson >= 0:
-        return []
-    return [
-        f"Poisson's ratio came out as {poisson:.3g}; few materials widen when pulled: rather, these samples hardly "
-        "depend on it and something else that the model lacks decides. Hold it at a known value"
-    ]
+def _doubtful(unknowns: Unknowns, z: np.ndarray) -> list[str]:
+    texts, values = [], unknowns.values(z)
+    for each in unknowns.constants:
+        if each.doubt is not None and values[each.name] < each.doubt[0]:
+            texts.append(f"{each.title} came out as {values[each.name]:.3g}; {each.doubt[1]}")
+    return texts
 
 
 def _samples(measured: Measurement, uncertainty: Uncertainty) -> list[str]:
@@ -130,9 +132,10 @@ def _samples(measured: Measurement, uncertainty: Uncertainty) -> list[str]:
     return texts
 
 
-def text_of(values: Mapping[str, float], errors: Mapping[str, float]) -> str:
+def text_of(constants: Sequence[Constant], values: Mapping[str, float], errors: Mapping[str, float]) -> str:
     """One line a parameter: value, error bar, unit."""
     lines = []
-    for name, value in values.items():
-        lines.append(f"  {name:<9}{value:>12.5g} +- {errors[name]:<10.2g}{UNITS[name]}".rstrip())
+    for each in constants:
+        value, error = values[each.name], errors[each.name]
+        lines.append(f"  {each.name:<9}{value:>12.5g} +- {error:<10.2g}{each.unit}".rstrip())
     return "\n".join(lines)

@@ -12,20 +12,21 @@ from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.frames import rigid_fit
 from jaxfem.fitting.markers import Markers, marker_positions
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.unknowns import physical, with_values
+from jaxfem.fitting.unknowns import with_values
+from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
-from jaxfem.stepping.step import rollout
+from jaxfem.stepping import rollout
 
 Array = jax.Array
 
 
 @dataclasses.dataclass(frozen=True)
 class Plan:
-    """What shapes the compiled program: fitted `names`, saved `frames`, steps `every` frame, `frame` ("none", "all"),
-    `compare`, `free_origin`: whether displacements are compared up to one constant for each marker."""
+    """What shapes the compiled program: fitted `constants`, saved `frames`, steps `every` frame, `frame` ("none",
+    "all"), `compare`, `free_origin`: whether displacements are compared up to one constant for each marker."""
 
-    names: tuple[str, ...]
+    constants: tuple[Constant, ...]
     frames: int
     every: int
     frame: str
@@ -81,9 +82,9 @@ def make_problem(
 def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     """Weighted residuals (T, M, 3), simulated less measured, zero where a sample is missing, at z (P,)."""
     delay = jnp.zeros((), z.dtype)
-    values = {name: physical(name, z[i]) for i, name in enumerate(plan.names)}
+    values = {each.name: each.transform.value(z[i]) for i, each in enumerate(plan.constants)}
     delay = values.pop("delay", delay)
-    frames, status = _simulated_frames(with_values(problem.params, values), problem, plan)
+    frames, status = _simulated_frames(with_values(problem.params, values, plan.constants), problem, plan)
     simulated = interpolated(frames, problem.times - delay / (plan.every * problem.dt))
     measured, origin = problem.measured, problem.origin
     if plan.frame == "all":

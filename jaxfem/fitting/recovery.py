@@ -15,9 +15,20 @@ from jaxfem.fitting.objective import Outcome, Plan, make_problem
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.search import Search, find, levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
-from jaxfem.fitting.unknowns import Unknowns, start_values, unknowns, with_values
+from jaxfem.fitting.unknowns import (
+    DELAY,
+    Unknowns,
+    chosen,
+    known_constants,
+    start_values,
+    unknowns,
+    usual_names,
+    with_values,
+)
+from jaxfem.materials.constants import Constant
+from jaxfem.materials.linear import DAMPING
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping.step import check_call, typed
+from jaxfem.stepping import check_call, typed
 
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
@@ -26,14 +37,16 @@ MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only t
 class FitResult:
     """What a fit found.
 
-    `values` and `standard_errors` by parameter name (Pa, s, kg/m^3); `correlation` (P, P) in the order of `values`;
-    `params`: the scene's with the values in; `loss`: mean square residual over sigma^2, or over the mean square motion
-    where no sigma was given; `noise` [m]: root mean square residual of a coordinate; `times` (T,) [s] since the
-    release at `release` [s] of the recording; `residuals` (simulated less measured, NaN where missing), `simulated`,
-    `measured` (T, M, 3) [m] in the body's frame; `markers`: names; `history`: every evaluation; `status`: "converged",
-    "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong.
+    `constants`: those fitted, with their units; `values` and `standard_errors` by their names (Pa, s, kg/m^3);
+    `correlation` (P, P) in the order of `values`; `params`: the scene's with the values in; `loss`: mean square
+    residual over sigma^2, or over the mean square motion where no sigma was given; `noise` [m]: root mean square
+    residual of a coordinate; `times` (T,) [s] since the release at `release` [s] of the recording; `residuals`
+    (simulated less measured, NaN where missing), `simulated`, `measured` (T, M, 3) [m] in the body's frame; `markers`:
+    names; `history`: every evaluation; `status`: "converged", "iteration limit", "steps failed" or "interrupted";
+    `warnings`: what may make the values wrong.
     """
 
+    constants: tuple[Constant, ...]
     values: dict[str, float]
     standard_errors: dict[str, float]
     correlation: np.ndarray
@@ -52,7 +65,7 @@ class FitResult:
 
     def summary(self) -> str:
         """Values with error bars, the misfit and all warnings, as text."""
-        lines = [text_of(self.values, self.standard_errors)]
+        lines = [text_of(self.constants, self.values, self.standard_errors)]
         lines.append(
             f"  residual {1e3 * self.noise:.3g} mm rms a coordinate, {len(self.times)} samples of {len(self.markers)} "
             f"markers from {self.release:g} s on; {self.status}, {len(self.history)} simulations"
@@ -68,7 +81,7 @@ def fit(
     recording: Recording,
     markers: Markers | Mapping[str, Any],
     *,
-    parameters: Sequence[str] = ("young", "poisson", "damping"),
+    parameters: Sequence[str] | None = None,
     dt: float,
     bounds: Mapping[str, tuple[float, float]] | None = None,
     starts: Sequence[Mapping[str, float]] | None = None,
@@ -83,9 +96,10 @@ def fit(
     """Recover material values from a recording of markers: values, error bars and what to beware of.
 
     The simulation starts from `state` at the release, with steps of about `dt` [s] that divide the sample spacing. The
-    unknowns `parameters` ("young" [Pa], "poisson", "damping" [s], "density" [kg/m^3], "delay" [s] of the release behind
-    its row) start at their values in `params`, or at each of `starts`; these may be far off (a factor of 30 is fine).
-    `bounds`: name -> (lowest, highest). `markers`: attached ones, or places on the body by name [m].
+    unknowns `parameters` (constants of the bodies' materials, like "young" [Pa], "poisson" and "damping" [s]: all of
+    them when None; "density" [kg/m^3]; "delay" [s] of the release behind its row) start at their values in `params`, or
+    at each of `starts`; these may be far off (a factor of 30 is fine). `bounds`: name -> (lowest, highest). `markers`:
+    attached ones, or places on the body by name [m].
 
     `frame`: "none" (the recording is in the body's frame), "rest" (rigid frame from the markers before the release
     against their places) or "all" (best rigid frame over all samples, found again for each trial). `compare`:
@@ -94,7 +108,8 @@ def fit(
     `progress(stage, iteration, loss, values)` is called after each simulation. Ctrl-C returns the best so far.
 
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
-    Marquardt 1963) with forward-mode Jacobians from a scan over Young's modulus. FitError for what cannot be fitted.
+    Marquardt 1963) with forward-mode Jacobians from a scan over the stiffness, such as Young's modulus. FitError for
+    what cannot be fitted.
     """
     params, state = typed(model, params, state)  # plain numbers are fine, as in `step`
     check_call(model, params, state, dt)
@@ -102,7 +117,7 @@ def fit(
     recording = recording.subset(markers.names)
     nominal = np.asarray(marker_positions(markers, state.positions), np.float64)
     measured = measurement(recording, nominal, frame=frame, compare=compare, release=release, end=end)
-    unknown, free_starts = _unknowns(params, parameters, starts, bounds, measured.spacing)
+    unknown, free_starts = _unknowns(model, params, parameters, starts, bounds, measured.spacing)
     plan, dt = _plan(unknown, measured, dt, frame, compare)
     problem = make_problem(model, params, state, markers, measured, plan, dt, sigma)
     evaluator = Evaluator(problem, plan, unknown, progress)
@@ -112,7 +127,8 @@ def fit(
     constants = 6 * (frame == "all") + 3 * len(markers.names) * measured.free_origin
     pinned = measured.still_rows if compare == "displacement" and not measured.free_origin else None
     spread = uncertainty(residual, jacobian, measured.seen, pinned, constants)
-    found = with_values(params, {n: _cast(v, params) for n, v in unknown.values(z).items() if n != "delay"})
+    values = {name: _cast(value, params) for name, value in unknown.values(z).items() if name != DELAY.name}
+    found = with_values(params, values, unknown.constants)
     simulated = np.asarray(outcome.simulated, np.float64)
     warnings = advice(
         model, found, unknown, z, spread, measured, simulated, dt, int(outcome.status != 0) and evaluator.step_failures
@@ -124,33 +140,33 @@ def fit(
 
 
 def _unknowns(
-    params: Params, names: Sequence[str], starts: Any, bounds: Any, spacing: float
+    model: Model, params: Params, names: Sequence[str] | None, starts: Any, bounds: Any, spacing: float
 ) -> tuple[Unknowns, list[np.ndarray]]:
-    if isinstance(names, str):
-        names = (names,)
-    unknowns(names, dict.fromkeys(names, 1.0), None, spacing)  # names are checked before they are looked up
-    own = start_values(params, names, spacing)
+    scene = model.constants.values()
+    names = (names,) if isinstance(names, str) else tuple(usual_names(scene) if names is None else names)
+    constants = chosen(names, known_constants(scene))
+    own = start_values(params, constants, spacing)
     given = [{**own, **dict(each)} for each in (starts or [{}])]
     for each in given:
         strange = [name for name in each if name not in names]
         if strange:
             raise FitError(f'a start is given for "{strange[0]}", which is not fitted; fitted: {", ".join(names)}')
-        for name, value in each.items():
-            if name in ("young", "damping", "density") and not value > 0:
-                raise FitError(f"the start of {name} is {value:g}; it must be positive")
-    ranges = [unknowns(names, each, bounds, spacing) for each in given]
-    both = Unknowns(tuple(names), np.min([r.lower for r in ranges], axis=0), np.max([r.upper for r in ranges], axis=0))
-    return both, [both.free(each) for each in given]
+        for constant in constants:
+            if constant.transform.proportional and not each[constant.name] > 0:
+                raise FitError(f"the start of {constant.name} is {each[constant.name]:g}; it must be positive")
+    ranges = [unknowns(constants, each, bounds, spacing) for each in given]
+    both = Unknowns(constants, np.min([r.lower for r in ranges], axis=0), np.max([r.upper for r in ranges], axis=0))
+    return both, [both.unknown(each) for each in given]
 
 
 def _plan(unknown: Unknowns, measured: Measurement, dt: float, frame: str, compare: str) -> tuple[Plan, float]:
     """Steps so that a frame is saved at each sample: `dt` is moved to the nearest divisor of the sample spacing."""
     every = max(1, round(measured.spacing / dt))
     dt = measured.spacing / every
-    early = max(0.0, -float(unknown.lower[unknown.names.index("delay")])) if "delay" in unknown.names else 0.0
+    early = max(0.0, -float(unknown.lower[unknown.constants.index(DELAY)])) if DELAY in unknown.constants else 0.0
     frames = max(2, int(np.ceil((measured.times[-1] + early) / measured.spacing - 1e-6)))
     solved = frame if frame == "all" else "none"  # "rest" is dealt with once, before: both share a program
-    return Plan(unknown.names, frames, every, solved, compare, measured.free_origin), dt
+    return Plan(unknown.constants, frames, every, solved, compare, measured.free_origin), dt
 
 
 def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> tuple[np.ndarray, str]:
@@ -180,11 +196,11 @@ def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) ->
 def _less_numerical_damping(evaluator: Evaluator, z: np.ndarray) -> np.ndarray:
     """What larger backward Euler steps damped, handed to the material: a mode loses omega (beta + dt) / 2 in all."""
     unknown, plan = evaluator.unknowns, evaluator.plan
-    if "damping" not in unknown.names or evaluator.problem.model.scheme != "backward_euler":
+    if DAMPING not in unknown.constants or evaluator.problem.model.scheme.order > 1:
         return z
     values = unknown.values(z)
-    values["damping"] += float(evaluator.problem.dt) * (plan.every - 1)
-    return unknown.free(values)
+    values[DAMPING.name] += float(evaluator.problem.dt) * (plan.every - 1)
+    return unknown.unknown(values)
 
 
 def _result(
@@ -205,6 +221,7 @@ def _result(
     count = max(3 * int(measured.seen.sum()), 1)
     last = evaluator.history[-1].loss
     return FitResult(
+        constants=evaluator.unknowns.constants,
         values=evaluator.unknowns.values(z),
         standard_errors=dict(zip(evaluator.unknowns.names, errors.tolist(), strict=True)),
         correlation=spread.correlation,
@@ -224,4 +241,4 @@ def _result(
 
 
 def _cast(value: float, params: Params) -> Any:
-    return np.asarray(value, params.young.dtype)
+    return np.asarray(value, params.gravity.dtype)

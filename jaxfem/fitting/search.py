@@ -7,12 +7,14 @@ residuals are first smoothed over a long time, then over a shorter one, then tak
 
 import dataclasses
 from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-import optax
 
 from jaxfem.fitting.evaluation import Evaluator
+
+if TYPE_CHECKING:  # slow to import: only where its steps are asked for
+    import optax
 
 SCAN_RATIO = 2.0
 JUMPS = 6
@@ -35,7 +37,7 @@ class Search:
     descent: int = 0
     polish: int = 40
     tol: float = 1e-6
-    optimizer: optax.GradientTransformation | None = None
+    optimizer: "optax.GradientTransformation | None" = None
 
 
 def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.ndarray:
@@ -82,10 +84,9 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tup
     Soft bodies fold up, and are slow to simulate: the scan ends once the body moves much farther than measured.
     """
     evaluator.stage = "scan"
-    names = evaluator.unknowns.names
-    if "young" not in names:
+    axis = evaluator.unknowns.scanned
+    if axis is None:
         return [(evaluator.loss(evaluator.residual(start)[0]), start)]
-    axis = names.index("young")
     low, high = _range(evaluator, start, axis)
     count = max(3, int(np.ceil((high - low) / np.log(SCAN_RATIO))) + 1)
     points, losses, beyond = [], [], 0
@@ -142,8 +143,7 @@ def _swing(positions: np.ndarray, seen: np.ndarray) -> float:
 
 def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Smoother) -> np.ndarray:
     """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
-    names = evaluator.unknowns.names
-    chosen = np.array([name == "young" for name in names])
+    chosen = np.arange(z.size) == evaluator.unknowns.scanned
     return levenberg_marquardt(evaluator, z, smooth, 4, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
 
 
@@ -151,6 +151,8 @@ def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Smoother, search: Sear
     """An optax optimiser on the logarithm of the smoothed loss: steps of a set size, blind to bad scaling."""
     if search.descent == 0:
         return z
+    import optax
+
     optimizer = search.optimizer or optax.adam(0.15, b1=0.7, b2=0.9)
     low, high = evaluator.unknowns.box
     state, best, lowest, idle = optimizer.init(z), z, np.inf, 0

@@ -4,7 +4,7 @@ import dataclasses
 
 import numpy as np
 
-OPEN_LOG, OPEN_POISSON, OPEN_CORRELATION = 0.5, 0.1, 0.995
+OPEN_CORRELATION = 0.995
 
 
 @dataclasses.dataclass(frozen=True)

@@ -1,7 +1,7 @@
-"""Unknowns of a fit: each a free number z, with the transform to its physical value and its bounds."""
+"""Unknowns of a fit: each a number z, with the transform to its physical value and its bounds."""
 
 import dataclasses
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import jax
@@ -9,65 +9,76 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
+from jaxfem.materials.constants import DENSITY, Constant, Identity
 from jaxfem.model import Params
 
 Array = jax.Array
 
-UNITS = {"young": "Pa", "poisson": "", "damping": "s", "density": "kg/m^3", "delay": "s"}
-POISSON = (-1.0, 0.5)
+DELAY = Constant(
+    "delay", "s", "must be a time in s", label="delay", transform=Identity(), bounds=(-3.0, 3.0), absolute=True
+)
+"""The fit's own unknown: the release behind its row. Its usual bounds are in sample spacings."""
+
+
+def usual_names(constants: Iterable[Constant]) -> tuple[str, ...]:
+    """What a fit finds where a user names nothing, of a scene's constants: all but the density, which is weighed."""
+    return tuple(each.name for each in constants if each.name != DENSITY.name)
+
+
+def known_constants(constants: Iterable[Constant]) -> dict[str, Constant]:
+    """All that can be fitted, by name, of a scene's constants."""
+    return {each.name: each for each in (*constants, DELAY)}
 
 
 @dataclasses.dataclass(frozen=True)
 class Unknowns:
-    """`names`, in the order of the fit, with `lower` and `upper` bounds (P,) of their physical values."""
+    """`constants`, in the order of the fit, with `lower` and `upper` bounds (P,) of their physical values."""
 
-    names: tuple[str, ...]
+    constants: tuple[Constant, ...]
     lower: np.ndarray
     upper: np.ndarray
 
-    def free(self, values: Mapping[str, float]) -> np.ndarray:
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Their names."""
+        return tuple(each.name for each in self.constants)
+
+    @property
+    def scanned(self) -> int | None:
+        """Which of them a scan runs over: the first that the stiffness is in proportion to; None without."""
+        return next((i for i, each in enumerate(self.constants) if each.stiffness), None)
+
+    def unknown(self, values: Mapping[str, float]) -> np.ndarray:
         """z (P,) of physical values, moved inside the bounds."""
-        inside = np.clip([values[name] for name in self.names], self.lower, self.upper)
-        return np.array([_free(name, value) for name, value in zip(self.names, inside, strict=True)])
+        return self._transformed(np.clip([values[name] for name in self.names], self.lower, self.upper))
 
     def values(self, z: Any) -> dict[str, float]:
         """Physical values of z (P,)."""
-        return {name: float(physical(name, jnp.asarray(each))) for name, each in zip(self.names, z, strict=True)}
+        pairs = zip(self.constants, z, strict=True)
+        return {each.name: float(each.transform.value(jnp.asarray(number))) for each, number in pairs}
 
     def slopes(self, z: Any) -> np.ndarray:
         """d value / d z (P,)."""
-        return np.array(
-            [float(jax.grad(lambda u, n=name: physical(n, u))(float(e))) for name, e in zip(self.names, z, strict=True)]
-        )
+        pairs = zip(self.constants, z, strict=True)
+        return np.array([float(jax.grad(each.transform.value)(float(number))) for each, number in pairs])
 
     @property
     def box(self) -> tuple[np.ndarray, np.ndarray]:
         """Bounds of z, (P,) each."""
-        low = np.array([_free(n, v) for n, v in zip(self.names, self.lower, strict=True)])
-        return low, np.array([_free(n, v) for n, v in zip(self.names, self.upper, strict=True)])
+        return self._transformed(self.lower), self._transformed(self.upper)
+
+    def _transformed(self, values: Any) -> np.ndarray:
+        return np.array([each.transform.unknown(v) for each, v in zip(self.constants, values, strict=True)])
 
 
-def physical(name: str, z: Array) -> Array:
-    """Value of a free number: its exponential; Poisson's ratio a logistic curve on (-1, 0.5); the delay itself."""
-    if name == "poisson":
-        return POISSON[0] + (POISSON[1] - POISSON[0]) * jax.nn.sigmoid(z)
-    return z if name == "delay" else jnp.exp(z)
-
-
-def _free(name: str, value: float) -> float:
-    if name == "poisson":
-        share = (value - POISSON[0]) / (POISSON[1] - POISSON[0])
-        return float(np.log(share) - np.log1p(-share))
-    return float(value if name == "delay" else np.log(value))
-
-
-def with_values(params: Params, values: Mapping[str, Array]) -> Params:
+def with_values(params: Params, values: Mapping[str, Array], constants: Iterable[Constant] = ()) -> Params:
     """Params with material values replaced; an array of several keeps its proportions and gets the value as its mean
-    (all zero: the value throughout)."""
+    (all zero: the value throughout). `constants`: those that are not in proportion get the value throughout."""
+    throughout = {each.name for each in constants if not each.transform.proportional}
     changed = {}
     for name, value in values.items():
-        old = getattr(params, name)
-        if jnp.ndim(old) == 0 or name == "poisson":
+        old = params.constants[name]
+        if jnp.ndim(old) == 0 or name in throughout:
             changed[name] = jnp.broadcast_to(value, jnp.shape(old)).astype(old.dtype)
         else:
             mean = jnp.mean(old)
@@ -76,52 +87,56 @@ def with_values(params: Params, values: Mapping[str, Array]) -> Params:
     return params.replace(**changed)
 
 
-def start_values(params: Params, names: Sequence[str], spacing: float) -> dict[str, float]:
-    """Values to start from: the scene's own; damping that is zero starts at a tenth of the sample spacing."""
-    values = {name: 0.0 if name == "delay" else float(jnp.mean(getattr(params, name))) for name in names}
-    if values.get("damping") == 0.0:
-        values["damping"] = 0.1 * spacing
+def start_values(params: Params, constants: Sequence[Constant], spacing: float) -> dict[str, float]:
+    """Values to start from: the scene's own; a positive time that is zero starts at a tenth of the sample spacing."""
+    values = {}
+    for each in constants:
+        value = 0.0 if each is DELAY else float(jnp.mean(params.constants[each.name]))
+        unset = value == 0.0 and each.unit == "s" and each.transform.proportional
+        values[each.name] = 0.1 * spacing if unset else value
     return values
 
 
-def unknowns(names: Sequence[str], start: Mapping[str, float], bounds: Any, spacing: float) -> Unknowns:
-    """Check names and bounds. Bounds not given: a thousand times either way (young, density), ten thousand (damping),
-    (-0.95, 0.4995) (poisson), three samples (delay)."""
-    names = tuple(names)
+def chosen(names: Sequence[str], known: Mapping[str, Constant]) -> tuple[Constant, ...]:
+    """The constants of these names; FitError for none, a strange one, or one named twice."""
     if not names:
-        raise FitError(f"no parameter to fit: name some of {', '.join(UNITS)}")
+        raise FitError(f"no parameter to fit: name some of {', '.join(known)}")
     for name in names:
-        if name not in UNITS:
-            raise FitError(f'cannot fit "{name}"; known: {", ".join(UNITS)}')
+        if name not in known:
+            raise FitError(f'cannot fit "{name}"; known: {", ".join(known)}')
     if len(set(names)) < len(names):
         raise FitError(f"a parameter is named twice: {', '.join(names)}")
+    return tuple(known[name] for name in names)
+
+
+def unknowns(constants: Sequence[Constant], start: Mapping[str, float], bounds: Any, spacing: float) -> Unknowns:
+    """Unknowns with checked bounds; those not given are the constants' usual ones."""
+    names = [each.name for each in constants]
     bounds = dict(bounds or {})
     for name in bounds:
         if name not in names:
             raise FitError(f'bounds are given for "{name}", which is not fitted; fitted: {", ".join(names)}')
-    pairs = [bounds.get(name) or _usual_bounds(name, start[name], spacing) for name in names]
-    for name, pair in zip(names, pairs, strict=True):
-        _check_bounds(name, pair)
+    pairs = [bounds.get(each.name) or _usual_bounds(each, start[each.name], spacing) for each in constants]
+    for each, pair in zip(constants, pairs, strict=True):
+        _check_bounds(each, pair)
     low, high = np.array(pairs, dtype=np.float64).T
-    return Unknowns(names, low, high)
+    return Unknowns(tuple(constants), low, high)
 
 
-def _usual_bounds(name: str, start: float, spacing: float) -> tuple[float, float]:
-    if name == "poisson":
-        return -0.95, 0.4995
-    if name == "delay":
-        return -3 * spacing, 3 * spacing
-    factor = 1e4 if name == "damping" else 1e3
-    return start / factor, start * factor
+def _usual_bounds(constant: Constant, start: float, spacing: float) -> tuple[float, float]:
+    low, high = constant.bounds
+    scale = spacing if constant is DELAY else 1.0 if constant.absolute else start
+    return scale * low, scale * high
 
 
-def _check_bounds(name: str, pair: Any) -> None:
+def _check_bounds(constant: Constant, pair: Any) -> None:
     try:
         low, high = (float(value) for value in pair)
     except (TypeError, ValueError):
-        raise FitError(f"bounds of {name} are {pair!r}; give two numbers (lowest, highest)") from None
-    floor, ceiling = {"poisson": POISSON, "delay": (-np.inf, np.inf)}.get(name, (0.0, np.inf))
+        raise FitError(f"bounds of {constant.name} are {pair!r}; give two numbers (lowest, highest)") from None
+    floor, ceiling = constant.transform.low, constant.transform.high
     if not floor < low < high < ceiling:
         raise FitError(
-            f"bounds of {name} are {low:g} and {high:g}; they must rise and lie between {floor:g} and {ceiling:g}"
+            f"bounds of {constant.name} are {low:g} and {high:g}; they must rise and lie between {floor:g} and "
+            f"{ceiling:g}"
         )

@@ -13,7 +13,7 @@ step = {step:<25.10g}# s
 duration = {duration:<21.10g}# s; or: steps = {steps}
 save_every = {every:<19}# steps per written frame
 # scheme = "generalized_alpha"  # second order: adds next to no damping; rho_inf = 0.8, mass = "averaged"
-# rotations = "implicit"          # of the elements, iterated to the end of the step: for steps that turn far
+# rotation_update = "implicit"    # of the elements, iterated to the end of the step: for steps that turn far
 
 [solver]                        # all of it optional
 method = "auto"                 # or "condensed", "mprgp"

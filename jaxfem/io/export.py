@@ -8,18 +8,20 @@ import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import jax
-import meshio
 import numpy as np
 
 from jaxfem.declared.scene import SceneError
 from jaxfem.elements.stress import von_mises_stress
 from jaxfem.energies import energies
 from jaxfem.mesh import locate
-from jaxfem.model import Model, Params, State, per_element
+from jaxfem.model import Model, Params, State, element_stiffness
+
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    import meshio
 
 ENERGIES = ("kinetic", "elastic", "gravity")
 SHORT = 500  # frames that an index lists before it is rewritten less often
@@ -94,6 +96,8 @@ class FrameWriter:
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
+        import meshio
+
         stress, energy = _fields(self.model, self.params, state)
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
@@ -157,8 +161,10 @@ class FrameWriter:
         return add
 
 
-def _frame_mesh(model: Model, state: State, stress: np.ndarray) -> meshio.Mesh:
+def _frame_mesh(model: Model, state: State, stress: np.ndarray) -> "meshio.Mesh":
     """The soft bodies' mesh with its fields or, where there is none, the rigid bodies' centres."""
+    import meshio
+
     kind, cells = "tetra", np.asarray(model.elements.cells, np.int64)
     places, rest, speeds = state.positions, model.rest, state.velocities
     body = np.asarray(model.elements.body)
@@ -200,8 +206,8 @@ class _Tracked:
 
 @jax.jit
 def _fields(model: Model, params: Params, state: State) -> tuple[Any, Any]:
-    young, poisson = per_element(model, params.young), per_element(model, params.poisson)
-    stress = von_mises_stress(model.elements, state.positions, young, poisson, model.rotation)
+    _, deviatoric = element_stiffness(model, params)
+    stress = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
     return stress, energies(model, params, state)
 
 
@@ -228,6 +234,8 @@ def read_frames(index: Any) -> list[Frame]:
 
 def read_frame(path: Any, time: float = 0.0) -> Frame:
     """One VTU frame; `time` [s] is not in the file but in the index."""
+    import meshio
+
     if not Path(path).is_file():
         raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
     mesh = meshio.read(path)

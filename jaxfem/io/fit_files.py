@@ -5,14 +5,13 @@ from pathlib import Path
 from typing import Any
 
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
-from jaxfem.fitting.unknowns import UNITS
+from jaxfem.fitting.unknowns import known_constants, usual_names
 from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
 TOP_KEYS = ("scene", "recording", "markers", "fit", "output")
 FIT_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "bounds", "starts")
 OUTPUT_KEYS = ("folder",)
-USUAL_PARAMETERS = ("young", "poisson", "damping")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,16 +39,20 @@ def load_fit(path: Any) -> FitFile:
     values = read_toml(source)
     try:
         top = Table(values, "the top level", TOP_KEYS)
-        scene = top.text("scene")
+        scene_path = source.parent / top.text("scene")
         table = top.table("fit", FIT_KEYS, "[fit]")
         recording = top.text("recording", None)
         output = top.table("output", OUTPUT_KEYS, "[output]")
-        settings, places = _settings(table), _places(top)
-        substeps = table.integer("substeps", None)
+        places, substeps = _places(top), table.integer("substeps", None)
+    except SceneFileError as problem:
+        raise SceneFileError(f"{source}: {problem}") from problem
+    scene = load_scene(scene_path)
+    try:
+        settings = _settings(table, scene)
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
     return FitFile(
-        scene=load_scene(source.parent / scene),
+        scene=scene,
         recording=None if recording is None else source.parent / recording,
         places=places,
         substeps=substeps,
@@ -66,8 +69,8 @@ def _places(top: Table) -> dict[str, tuple[float, float, float]]:
     return {name: markers.vector(name, unit="m") for name in markers.values}
 
 
-def _settings(table: Table) -> dict[str, Any]:
-    parameters = _parameters(table)
+def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
+    parameters = _parameters(table, scene)
     settings: dict[str, Any] = {
         "parameters": parameters,
         "frame": table.choice("frame", FRAMES, "none"),
@@ -82,13 +85,15 @@ def _settings(table: Table) -> dict[str, Any]:
     return settings
 
 
-def _parameters(table: Table) -> tuple[str, ...]:
-    names = table.get("parameters", list(USUAL_PARAMETERS))
+def _parameters(table: Table, scene: SceneFile) -> tuple[str, ...]:
+    constants = scene.constants
+    names = table.get("parameters", list(usual_names(constants)))
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise table.wrong("parameters", 'a list of names, like ["young", "damping"]')
+    known = known_constants(constants)
     for name in names:
-        if name not in UNITS:
-            raise SceneFileError(f"unknown parameter {name!r} in [fit]{suggestion(name, UNITS)}")
+        if name not in known:
+            raise SceneFileError(f"unknown parameter {name!r} in [fit]{suggestion(name, known)}")
     return tuple(names)
 
 

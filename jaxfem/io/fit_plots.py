@@ -6,10 +6,8 @@ from typing import Any
 import numpy as np
 
 from jaxfem.fitting.recovery import FitResult
-from jaxfem.fitting.unknowns import UNITS
 from jaxfem.io.plots import COLOURS, _figure, _save
 
-NICE = {"young": "Young's modulus", "poisson": "Poisson's ratio", "damping": "damping", "density": "density"}
 BACKED = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}
 MOST_MARKERS = 8  # panels that still can be read
 
@@ -34,10 +32,10 @@ def plot_loss(path: Any, result: FitResult) -> Path:
     axes[0].set_yscale("log")
     axes[0].set_ylabel("loss")
     axes[0].legend(frameon=False, fontsize=8, ncols=2, loc="upper right")
-    for row, name in zip(axes[1:], names, strict=True):
-        row.axhline(result.values[name], color="0.6", linewidth=0.8, zorder=0)
-        row.set_yscale("linear" if name in ("poisson", "delay") else "log")
-        row.set_ylabel(f"{NICE.get(name, name)}\n{f'({UNITS[name]})' if UNITS[name] else ''}".strip(), fontsize=8)
+    for row, each in zip(axes[1:], result.constants, strict=True):
+        row.axhline(result.values[each.name], color="0.6", linewidth=0.8, zorder=0)
+        row.set_yscale("log" if each.transform.proportional else "linear")
+        row.set_ylabel(f"{each.title}\n{f'({each.unit})' if each.unit else ''}".strip(), fontsize=8)
     axes[-1].set_xlabel("simulation")
     for row in axes:
         _plain(row)

@@ -1,5 +1,6 @@
 """Plots of a run as PNG files, through matplotlib's figures without its global state."""
 
+import importlib.util
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -151,10 +152,8 @@ def _prefix(largest: float) -> tuple[float, str]:
 
 def require_matplotlib() -> None:
     """PlotError with the remedy where matplotlib is not installed."""
-    try:
-        import matplotlib  # noqa: F401
-    except ImportError as problem:
-        raise PlotError("plots need matplotlib: pip install 'jaxfem[cli]'") from problem
+    if importlib.util.find_spec("matplotlib") is None:  # looked for and not imported, which takes long
+        raise PlotError("plots need matplotlib: pip install 'jaxfem[cli]'")
 
 
 def _figure(width: float, height: float) -> Any:

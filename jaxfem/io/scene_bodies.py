@@ -5,17 +5,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
+from jaxfem.materials.base import LAWS, Material
+from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.linear import Linear
 from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, read
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
-    *("name", "mesh", "position", "rotate", "young", "poisson", "density", "damping"),
+    *("name", "mesh", "position", "rotate", "material", "density"),
     *("fixed", "velocity", "strain", "rotation", "driven", "load"),
 )
 MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
@@ -32,7 +34,16 @@ MESH_KEYS = {
     "beam": ("cells_along", "tets_per_cell", "origin"),
     "ball": ("cells", "center"),
 }
-UNITS = {"young": "Pa", "poisson": "", "density": "kg/m^3", "damping": "s"}
+
+
+def body_keys(values: dict[str, Any], where: str) -> tuple[str, ...]:
+    """Keys that a [[body]] table may hold: those of every body, and the constants and options of its material."""
+    law = _law(Table(values, where, None))
+    return (*BODY_KEYS, *(each.name for each in law.constants), *law.options)
+
+
+def _law(table: Table) -> type[Material]:
+    return LAWS[table.choice("material", tuple(LAWS), Linear.word)]
 
 
 def read_body(table: Table, folder: Path) -> SoftBody:
@@ -47,10 +58,8 @@ def read_body(table: Table, folder: Path) -> SoftBody:
         mesh = mesh.renamed(name)
     return SoftBody(
         mesh,
-        young=_material(table, mesh, "young"),
-        poisson=_material(table, mesh, "poisson"),
-        density=_material(table, mesh, "density"),
-        damping=_material(table, mesh, "damping", 0.0),
+        density=_constant(table, mesh, DENSITY),
+        material=_material(table, mesh),
         fixed=select_nodes(table, "fixed", mesh) if "fixed" in table else None,
         driven=[_driven(values, mesh, place) for values, place in _children(table, "driven")],
         loads=[_load(values, mesh, place) for values, place in _children(table, "load")],
@@ -67,19 +76,31 @@ def _children(table: Table, key: str) -> list[tuple[dict[str, Any], str]]:
     return [(values, f"[[body.{key}]] {number} of {table.where}") for number, values in enumerate(raw, 1)]
 
 
-def _material(table: Table, mesh: TetMesh, key: str, default: Any = ...) -> Any:
+def _material(table: Table, mesh: TetMesh) -> Material:
+    """The material that the table names, with its constants and options."""
+    law = _law(table)
+    constants = {each.name: _constant(table, mesh, each) for each in law.constants}
+    options = {key: table.get(key) for key in law.options if key in table}
+    for key, value in options.items():
+        if type(value) is not type(law.options[key]):
+            raise table.wrong(key, f"of the kind of {law.options[key]!r}")
+    return law(**constants, **options)
+
+
+def _constant(table: Table, mesh: TetMesh, constant: Constant) -> Any:
     """One number, or one for each of the mesh's cell groups, spread over the elements (m,)."""
-    if key not in table and default is not ...:
-        return default
-    if not isinstance(table.get(key, unit=UNITS[key]), dict):
+    key, unit = constant.name, constant.unit
+    if key not in table and constant.default is not None:
+        return constant.default
+    if not isinstance(table.get(key, unit=unit), dict):
         value = table.get(key)
         if not is_number(value) and not isinstance(value, float):  # NaN goes on, to the message of its own range
-            raise table.wrong(key, f"a number{' of ' + UNITS[key] if UNITS[key] else ''}, or one for each cell group")
+            raise table.wrong(key, f"a number{' of ' + unit if unit else ''}, or one for each cell group")
         return float(value)
     groups = table.table(key, mesh.cell_groups, f"{key!r} in {table.where}, one number for each cell group")
     values = np.full(len(mesh.cells), np.nan)
     for group in groups.values:
-        values[mesh.cell_groups[group]] = groups.number(group, unit=UNITS[key])
+        values[mesh.cell_groups[group]] = groups.number(group, unit=unit)
     missed = np.flatnonzero(np.isnan(values))
     if missed.size:
         raise SceneFileError(f"{groups.where} leaves out {missed.size} elements, like {missed[0]}: name their group")
@@ -138,6 +159,8 @@ def _cell_counts(mesh: Table) -> Any:
 def _placed(table: Table, mesh: TetMesh) -> TetMesh:
     """The mesh turned (`rotate`, about its `center`, the origin by default), then moved by `position`."""
     if "rotate" in table:
+        from scipy.spatial.transform import Rotation  # slow to import: only where a body is turned
+
         turn = table.table("rotate", ("axis", "degrees", "center"), f"'rotate' in {table.where}")
         axis = np.array(turn.vector("axis"))
         length = np.linalg.norm(axis)

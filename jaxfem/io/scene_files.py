@@ -5,17 +5,21 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-import jaxfem.building.build as building
+from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
-from jaxfem.io.scene_bodies import BODY_KEYS, read_body
-from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, read_contact, read_joint, read_rigid
+from jaxfem.elements.mass import MASSES
+from jaxfem.io.scene_bodies import body_keys, read_body
+from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
+from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.methods import METHODS
 from jaxfem.model import Model, Params, State
+from jaxfem.schemes import SCHEMES, Scheme
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
-TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "rho_inf", "mass", "rotations")
+TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points")
 PRECISIONS = ("float64", "float32")
@@ -25,8 +29,8 @@ PRECISIONS = ("float64", "float32")
 class SceneFile:
     """A scene and how to run it, as its file says.
 
-    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `rho_inf`, `mass`, `rotations`,
-    `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
+    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`,
+    `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
     go; `points`: name -> (x, y, z) [m] of a material point of the undeformed bodies whose path is recorded;
     `source`: the file.
     """
@@ -36,10 +40,9 @@ class SceneFile:
     steps: int
     every: int
     solver: str
-    scheme: str
-    rho_inf: float
+    scheme: Scheme
     mass: str
-    rotations: str
+    rotation_update: str
     tolerance: float | None
     max_iterations: int
     precision: str
@@ -52,15 +55,20 @@ class SceneFile:
         """Simulated time [s]."""
         return self.dt * self.steps
 
+    @property
+    def constants(self) -> tuple[Constant, ...]:
+        """The constants of the soft bodies' materials, then density."""
+        own = [each for body in self.scene.soft for each in body.made_of.constants]
+        return (*dict.fromkeys(own), DENSITY)
+
     def build(self) -> tuple[Model, Params, State]:
         """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
-        return building.build(
+        return build(
             self.scene,
             solver=self.solver,
             scheme=self.scheme,
-            rho_inf=self.rho_inf,
             mass=self.mass,
-            rotations=self.rotations,
+            rotation_update=self.rotation_update,
             dtype=self.precision,
             tolerance=self.tolerance,
             max_iterations=self.max_iterations,
@@ -82,7 +90,7 @@ def load_scene(path: Any, also: Sequence[str] = ()) -> SceneFile:
 
 
 def _scene_file(top: Table, source: Path) -> SceneFile:
-    time = top.table("time", TIME_KEYS, "[time]")
+    time, scheme = _time(top)
     solver = top.table("solver", SOLVER_KEYS, "[solver]")
     output = top.table("output", OUTPUT_KEYS, "[output]")
     dt = time.number("step", unit="s", positive=True)
@@ -94,11 +102,10 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "dt": dt,
         "steps": _steps(time, dt),
         "every": time.integer("save_every", 1),
-        "scheme": time.choice("scheme", building.SCHEMES, "backward_euler"),
-        "rho_inf": time.number("rho_inf", 0.8),
-        "mass": time.choice("mass", building.MASSES, "lumped"),
-        "rotations": time.choice("rotations", building.ROTATIONS, "explicit"),
-        "solver": solver.choice("method", building.SOLVERS, "auto"),
+        "scheme": scheme,
+        "mass": time.choice("mass", MASSES, "lumped"),
+        "rotation_update": time.choice("rotation_update", ROTATION_UPDATES, "explicit"),
+        "solver": solver.choice("method", ("auto", *METHODS), "auto"),
         "tolerance": tolerance,
         "max_iterations": solver.integer("max_iterations", 20_000),
         "precision": solver.choice("precision", PRECISIONS, "float64"),
@@ -109,17 +116,24 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
     return SceneFile(scene=_scene(top, source.parent, gravity), source=source, **settings)
 
 
+def _time(top: Table) -> tuple[Table, Scheme]:
+    """The [time] table, and the scheme that it names with the numbers that it gives for it."""
+    word = top.table("time", None, "[time]").choice("scheme", tuple(SCHEMES), "backward_euler")
+    numbers = [field.name for field in dataclasses.fields(SCHEMES[word])]
+    time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
+    return time, SCHEMES[word](**{name: time.number(name) for name in numbers if name in time})
+
+
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
-    soft = [read_body(Table(values, where, BODY_KEYS), folder) for values, where in _listed(top, "body")]
-    rigid = [read_rigid(Table(values, where, RIGID_KEYS), folder) for values, where in _listed(top, "rigid")]
+    soft = [read_body(Table(values, where, body_keys(values, where)), folder) for values, where in _listed(top, "body")]
+    sources = SceneSources(folder, soft)
+    rigid = [read_rigid(Table(values, where, RIGID_KEYS), sources) for values, where in _listed(top, "rigid")]
     if not soft and not rigid:
         raise SceneFileError(
             "the scene holds no body: add a table [[body]] with mesh, young, poisson and density, or a [[rigid]] one"
         )
-    joints = [read_joint(values, where, soft) for values, where in _listed(top, "joint")]
-    contacts = [
-        read_contact(Table(values, where, CONTACT_KEYS), soft, folder) for values, where in _listed(top, "contact")
-    ]
+    joints = [read_joint(values, where, sources) for values, where in _listed(top, "joint")]
+    contacts = [read_contact(Table(values, where, CONTACT_KEYS), sources) for values, where in _listed(top, "contact")]
     return Scene([*soft, *rigid], gravity, joints, contacts)
 
 

@@ -7,7 +7,9 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-REQUIRED: Any = object()  # a default that says: there is none
+import numpy as np
+
+from jaxfem.inputs import REQUIRED
 
 
 class SceneFileError(ValueError):
@@ -97,6 +99,25 @@ class Table:
         if key in self.values and not (isinstance(value, str) and value):
             raise self.wrong(key, "a text in quotes")
         return value
+
+    def flag(self, key: str, default: Any = REQUIRED) -> Any:
+        """True or false."""
+        value = self.get(key, default)
+        if key in self.values and not isinstance(value, bool):
+            raise self.wrong(key, "true or false")
+        return value
+
+    def grid(self, key: str, default: Any = REQUIRED, unit: str = "", what: str = "numbers") -> Any:
+        """An array (nx, ny) of finite numbers, at least 2 by 2."""
+        value = self.get(key, default, unit)
+        if key not in self.values:
+            return value
+        rows = value if isinstance(value, list) and all(isinstance(row, list) for row in value) else []
+        even = len(rows) >= 2 and len({len(row) for row in rows}) == 1 and len(rows[0]) >= 2
+        if not even or not all(is_number(each) for row in rows for each in row):
+            of_unit = f" in {unit}" if unit else ""
+            raise self.wrong(key, f"at least two rows of at least two {what}{of_unit}, all of one length")
+        return np.array(value, float)
 
     def choice(self, key: str, known: Sequence[str], default: Any = REQUIRED) -> Any:
         """One of the `known` words."""

@@ -1,14 +1,16 @@
 """Meshes of convex bodies from a cloud of points or a closed surface, by Delaunay's rule."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import ConvexHull, Delaunay, QhullError, cKDTree
 
 from . import checks
 from .checks import Floats, Ints, Mask, MeshError, counted, first_equal
 from .tet import TetMesh
 from .topology import element_faces, face_counts, triangle_edge_counts
+
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    from scipy.spatial import ConvexHull
 
 FLAT = 1e-10  # as THIN, for elements whose volume is rounding
 THIN = 1e-3  # a tetrahedron on the hull with |volume| below THIN * longest_edge**3 (regular: 0.118) is a sliver
@@ -66,7 +68,9 @@ def from_convex_surface(points: Any, triangles: Any, spacing: float | None = Non
     return delaunay(np.concatenate([cloud, _lattice_inside(cloud, hull, spacing, name)]), name)
 
 
-def _hull(cloud: Floats, name: str) -> ConvexHull:
+def _hull(cloud: Floats, name: str) -> "ConvexHull":
+    from scipy.spatial import ConvexHull, QhullError
+
     try:
         return ConvexHull(cloud)
     except QhullError as problem:
@@ -75,6 +79,8 @@ def _hull(cloud: Floats, name: str) -> ConvexHull:
 
 
 def _tetrahedra(cloud: Floats) -> Ints:
+    from scipy.spatial import Delaunay
+
     return checks.flipped(cloud, Delaunay(cloud - cloud.mean(axis=0)).simplices.astype(np.int64))[0]
 
 
@@ -124,6 +130,8 @@ def _generic_tetrahedra(cloud: Floats) -> Ints:
     The Delaunay cells are the lower hull of the points lifted to (x, |x|^2). Lifted a little more, each by a random
     amount (the same every time), no five are on one sphere any more, and the cells match and have volume.
     """
+    from scipy.spatial import ConvexHull, cKDTree
+
     local = (cloud - cloud.mean(axis=0)) / np.ptp(cloud, axis=0).max()
     apart = cKDTree(local).query(local, k=2)[0][:, 1]
     lift = np.random.default_rng(0).uniform(0.0, 1e-3, len(local)) * apart**2
@@ -132,14 +140,14 @@ def _generic_tetrahedra(cloud: Floats) -> Ints:
     return checks.flipped(cloud, cells)[0]
 
 
-def _depth(queries: Floats, hull: ConvexHull) -> Floats:
+def _depth(queries: Floats, hull: "ConvexHull") -> Floats:
     """Distance (q,) of points to the nearest plane of the hull, positive inside."""
     planes = np.unique(np.round(hull.equations, 12), axis=0)
     parts = np.array_split(queries, 1 + queries.shape[0] * len(planes) // 5_000_000)
     return np.concatenate([-(part @ planes[:, :3].T + planes[:, 3]).max(axis=1) for part in parts])
 
 
-def _refuse_open_or_hollow(cloud: Floats, faces: Ints, hull: ConvexHull, name: str) -> None:
+def _refuse_open_or_hollow(cloud: Floats, faces: Ints, hull: "ConvexHull", name: str) -> None:
     wrong = int((triangle_edge_counts(faces) != 2).sum())
     if wrong:
         raise MeshError(f'the surface "{name}" is not closed: {counted(wrong, "edge")} without exactly two triangles')
@@ -153,7 +161,7 @@ def _refuse_open_or_hollow(cloud: Floats, faces: Ints, hull: ConvexHull, name: s
         )
 
 
-def _lattice_inside(cloud: Floats, hull: ConvexHull, spacing: float, name: str) -> Floats:
+def _lattice_inside(cloud: Floats, hull: "ConvexHull", spacing: float, name: str) -> Floats:
     """Points of a body-centred cubic lattice that lie deeper than half the spacing under the hull."""
     period = spacing * 2.0 / 3**0.5  # a node's eight nearest neighbours are at period * sqrt(3) / 2
     low, high = cloud.min(axis=0), cloud.max(axis=0)

@@ -1,16 +1,19 @@
 """Where points lie in a mesh: the element and the weights of its four nodes, inside or at the nearest surface point."""
 
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from . import checks
 from .checks import Floats, Ints, MeshError
 from .topology import boundary_faces
 
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    from scipy.spatial import cKDTree
+
 NEAR = 8  # elements tried first, by their centroids
+FEW = 100_000  # pairs of a place and an element that are tried one and all: a tree would gain nothing
 PAIRS = 2_000_000  # candidate pairs held at a time
 
 
@@ -43,9 +46,6 @@ def _containing(points: Floats, tets: Ints, places: Floats, tolerance: float) ->
     """The element that contains each place and its weights, or -1: nearest centroids first, then all within reach."""
     corners = points[tets]
     inverse = np.asarray(np.linalg.inv((corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)), dtype=np.float64)
-    centroids = corners.mean(axis=1)
-    reach = float(np.linalg.norm(corners - centroids[:, None], axis=-1).max())
-    tree = cKDTree(centroids)
     elements, weights = np.full(len(places), -1, dtype=np.int64), np.zeros((len(places), 4))
 
     def fill(query: Ints, element: Ints) -> None:
@@ -54,6 +54,14 @@ def _containing(points: Floats, tets: Ints, places: Floats, tolerance: float) ->
         best = best[found[best].min(axis=1) >= -tolerance]
         elements[query[best]], weights[query[best]] = element[best], found[best]
 
+    if len(places) * len(tets) <= FEW:
+        fill(np.repeat(np.arange(len(places)), len(tets)), np.tile(np.arange(len(tets)), len(places)))
+        return elements, weights
+    from scipy.spatial import cKDTree
+
+    centroids = corners.mean(axis=1)
+    reach = float(np.linalg.norm(corners - centroids[:, None], axis=-1).max())
+    tree = cKDTree(centroids)
     count = min(NEAR, len(tets))
     near = tree.query(places, k=count)[1].reshape(-1, count)
     fill(np.repeat(np.arange(len(places)), count), near.ravel())
@@ -77,7 +85,7 @@ def _first_best(query: Ints, score: Floats) -> Ints:
     return order[np.unique(query[order], return_index=True)[1]]
 
 
-def _pairs(tree: cKDTree, places: Floats, radii: Floats) -> Iterator[tuple[Ints, Ints]]:
+def _pairs(tree: "cKDTree", places: Floats, radii: Floats) -> Iterator[tuple[Ints, Ints]]:
     """All (place, tree point) pairs within each place's radius, a limited number at a time."""
     if not len(places):
         return
@@ -92,6 +100,8 @@ def _pairs(tree: cKDTree, places: Floats, radii: Floats) -> Iterator[tuple[Ints,
 
 def _on_surface(points: Floats, tets: Ints, places: Floats) -> tuple[Ints, Floats, Floats]:
     """The element under the nearest surface point of each place, that point's weights, and the distance to it."""
+    from scipy.spatial import cKDTree
+
     triangles, owners = boundary_faces(tets)
     if not len(triangles):
         raise MeshError("the elements have no outer surface: are all of them there twice?")

@@ -6,9 +6,8 @@ import os
 import warnings
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import meshio
 import numpy as np
 
 from .blocks import LINEAR, solid_points, sort_out
@@ -16,6 +15,9 @@ from .checks import Floats, Ints, MeshError, is_positive
 from .tet import TetMesh
 from .tetgen import read_tetgen
 from .wavefront import read_obj
+
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    import meshio
 
 StrPath = str | os.PathLike[str]
 
@@ -74,6 +76,8 @@ def write(
     Returns what the format could not keep, a sentence each: .msh keeps the groups. MeshError for an unknown ending or
     data of the wrong length.
     """
+    import meshio
+
     target = Path(path)
     ending = _ending(target)
     points = _checked(point_data, len(mesh.points), "point", "nodes")
@@ -110,6 +114,8 @@ def _existing(path: StrPath, scale: float) -> Path:
 
 
 def _known() -> list[str]:
+    import meshio
+
     return sorted(meshio.extension_to_filetypes)
 
 
@@ -121,7 +127,9 @@ def _ending(path: Path) -> str:
     raise MeshError(f'{path} has the ending "{path.suffix}", of no known mesh format: known are {" ".join(_known())}')
 
 
-def _raw(source: Path) -> meshio.Mesh:
+def _raw(source: Path) -> "meshio.Mesh":
+    import meshio
+
     if source.suffix.lower() in (".node", ".ele"):
         return read_tetgen(source)
     if source.suffix.lower() == ".obj":
@@ -168,8 +176,10 @@ def _lost(mesh: TetMesh, ending: str) -> tuple[str, ...]:
     )
 
 
-def _with_groups(mesh: TetMesh, point_data: dict[str, Any]) -> tuple[meshio.Mesh, tuple[str, ...]]:
+def _with_groups(mesh: TetMesh, point_data: dict[str, Any]) -> tuple["meshio.Mesh", tuple[str, ...]]:
     """A Gmsh mesh whose physical groups are the face groups (triangles), node groups (vertices) and cell groups."""
+    import meshio
+
     blocks: list[tuple[str, Ints]] = [("tetra", mesh.cells)]
     names: dict[str, Ints] = {}
     lost: list[str] = []

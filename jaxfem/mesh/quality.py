@@ -4,7 +4,6 @@ import dataclasses
 import os
 
 import numpy as np
-from scipy.spatial import cKDTree
 
 from .checks import Floats, Ints, edge_lengths, listed, signed_volumes
 from .tet import TetMesh
@@ -158,5 +157,7 @@ def _areas(points: Floats, triangles: Ints) -> Floats:
 
 def _coincident(points: Floats) -> int:
     """Nodes that have another within rounding of the mesh's size."""
+    from scipy.spatial import cKDTree  # slow to import: only where it is used
+
     limit = 1e-12 * float(np.linalg.norm(np.ptp(points, axis=0)))
     return int((cKDTree(points).query(points, k=2)[0][:, 1] <= limit).sum())

@@ -1,18 +1,23 @@
 """TetGen's text files: .node and .ele, and .face where there is one."""
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
 
 from .checks import Floats, Ints, MeshError
 
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    import meshio
 
-def read_tetgen(path: Path) -> meshio.Mesh:
+
+def read_tetgen(path: Path) -> "meshio.Mesh":
     """The mesh of NAME.node and NAME.ele, whichever is given, with boundary markers from NAME.face.
 
     Markers and regions become cell data "tetgen:ref". FileNotFoundError when one of the two is missing.
     """
+    import meshio
+
     node_file, element_file, face_file = (path.with_suffix(suffix) for suffix in (".node", ".ele", ".face"))
     for needed in (node_file, element_file):
         if not needed.exists():

@@ -1,8 +1,6 @@
 """Faces, edges and the outer surface of a list of tetrahedra, by node numbers alone."""
 
 import numpy as np
-from scipy.sparse import coo_matrix
-from scipy.sparse.csgraph import connected_components
 
 from .checks import EDGES, Ints, first_equal
 
@@ -40,6 +38,9 @@ def triangle_edge_counts(triangles: Ints) -> Ints:
 
 def components(cells: Ints, nodes: int) -> int:
     """Number of parts that hang together through shared nodes (unused nodes count as a part each)."""
+    from scipy.sparse import coo_matrix  # here, as it takes long to import and few programs ask for this
+    from scipy.sparse.csgraph import connected_components
+
     pairs = cells[:, [[0, 1], [0, 2], [0, 3]]].reshape(-1, 2)
     graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(nodes, nodes))
     return int(connected_components(graph, directed=False)[0])

@@ -2,15 +2,20 @@
 
 from itertools import pairwise
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-import meshio
 import numpy as np
 
 from .checks import MeshError
 
+if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
+    import meshio
 
-def read_obj(path: Path) -> meshio.Mesh:
+
+def read_obj(path: Path) -> "meshio.Mesh":
     """The surface of an .obj file, faces with more than three corners cut into a fan of triangles."""
+    import meshio
+
     points: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):

@@ -1,0 +1,10 @@
+"""Ways to solve a step, each known by its name once its module is imported."""
+
+from jaxfem.methods.allrows.direct import Direct
+from jaxfem.methods.allrows.mprgp import Mprgp
+from jaxfem.methods.allrows.sweeps import Pgs
+from jaxfem.methods.base import METHODS, Facts, Method, Solved
+from jaxfem.methods.nodes.method import Condensed
+from jaxfem.methods.nonlinear import ImplicitRotations
+
+__all__ = ["METHODS", "Condensed", "Direct", "Facts", "ImplicitRotations", "Method", "Mprgp", "Pgs", "Solved"]

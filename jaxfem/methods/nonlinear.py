@@ -7,15 +7,17 @@ tangent is small where steps are, and leaves a matrix that is always definite.
 """
 
 import dataclasses
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
-from jaxfem.methods.allrows.dual import solve_dual
-from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes, solve_condensed
+from jaxfem.methods.base import Facts, Method, Solved
+from jaxfem.methods.by_rows import Impulses
+from jaxfem.methods.ending import ended
+from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.preconditioner import two_level
-from jaxfem.model import Model, Params, State
+from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.implicit import implicit_solution, or_nan
@@ -33,7 +35,63 @@ Array = jax.Array
 ROUNDS = 60
 ROUNDING = 3.0  # times the forces that rounding makes of positions: what residuals are seen to stay below
 GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
-FIRST_DIGITS = 1e-3  # a round need not be solved to more than the next one will correct
+
+
+class InRounds(Protocol):
+    """What a method offers so that its steps can be solved in rounds."""
+
+    guarded: bool
+    """Whether a round that makes matters worse is halved."""
+
+    def round(
+        self, system: System, cache: Any, velocities: Array, impulses: Impulses | None, target: Array
+    ) -> tuple[Array, Impulses | None, SolveInfo, Array]:
+        """Velocities of the free nodes (n, 3), impulses, info, and whether nothing is left to do; `target` [N s]: the
+        residual at which the rounds end."""
+
+
+@dataclasses.dataclass(frozen=True)
+class ImplicitRotations(Method):
+    """Another method, in rounds until the rotations are those of the end of the step. For soft bodies alone."""
+
+    inner: Any
+
+    @property
+    def name(self) -> str:  # type: ignore[override]
+        """That of the method inside."""
+        return str(self.inner.name)
+
+    def refuses(self, facts: Facts) -> str | None:
+        """Coupled scenes, and what the method inside refuses."""
+        if facts.coupled:
+            return (
+                'with rotation_update = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts: '
+                'use rotation_update = "explicit"'
+            )
+        return self.inner.refuses(facts)  # type: ignore[no-any-return]
+
+    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
+        """As the method inside."""
+        return self.inner.prepare(model, params, state, dt)
+
+    def start(self, model: Model, params: Params, state: State) -> Any:
+        """As the method inside."""
+        return self.inner.start(model, params, state)
+
+    def impulses(self, model: Model, memory: Any) -> Impulses:
+        """As the method inside."""
+        return self.inner.impulses(model, memory)  # type: ignore[no-any-return]
+
+    def step(
+        self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
+    ) -> tuple[State, StepInfo]:
+        """One step; `info.iterations` are those of all rounds."""
+        inputs = _Inputs(model, params, state, dt, forces, cache)
+        guess = jax.lax.stop_gradient((state.velocities, state.memory))
+        unknown, (info, impulses) = implicit_solution(_EndOfStep(self.inner), inputs, guess)  # type: ignore[arg-type]
+        free = model.free[:, None] > 0
+        velocities = jnp.where(free, unknown, prescribed_velocity(model, params, state, dt))
+        return ended(model, params, state, dt, Solved(velocities, impulses, info))
 
 
 class _Inputs(Pytree):
@@ -42,7 +100,7 @@ class _Inputs(Pytree):
     state: State
     dt: Array
     forces: Array | None
-    coarse: Array | None
+    cache: Any
 
 
 class _Rounds(Pytree):
@@ -57,25 +115,11 @@ class _Rounds(Pytree):
     status: Array
 
 
-def solve_turning(
-    model: Model, params: Params, state: State, dt: Array, forces: Array | None, coarse: Array | None
-) -> tuple[Array, Any, SolveInfo]:
-    """End-of-step velocities (n, 3), impulses (None unless the rows' solver has them) and info; differentiable.
-
-    `info.iterations` are those of all rounds.
-    """
-    inputs = _Inputs(model, params, state, dt, forces, coarse)
-    guess = jax.lax.stop_gradient((state.velocities, state.impulses))
-    unknown, (info, impulses) = implicit_solution(_EndOfStep(model.solver), inputs, guess)  # type: ignore[arg-type]
-    free = model.free[:, None] > 0
-    return jnp.where(free, unknown, prescribed_velocity(model, params, state, dt)), impulses, info
-
-
 @dataclasses.dataclass(frozen=True)
 class _EndOfStep:
     """g(v) = 0 on the velocities of free nodes. Damping in a turning frame has no potential: not symmetric."""
 
-    route: str
+    inner: InRounds
     symmetric: bool = False
 
     def gradient(self, inputs: _Inputs, unknown: Array) -> Array:
@@ -83,12 +127,12 @@ class _EndOfStep:
 
     def solve(self, inputs: _Inputs, guess: Any) -> tuple[Array, tuple[SolveInfo, Any]]:
         velocities, impulses = guess
-        return _solve(inputs, velocities, impulses, self.route)
+        return _solve(inputs, velocities, impulses, self.inner)
 
     def tangent_solve(self, inputs: _Inputs, unknown: Array, right: Array, matvec: Any) -> Array:
         system = _system(inputs, unknown)
         matrix, pattern = condensed_matrix(system), system.pattern
-        inverse = two_level(matrix, group_modes(system), system.coarse)
+        inverse = two_level(matrix, group_modes(system), inputs.cache)
 
         def precondition(residual: Array) -> Array:
             return pattern.scattered(inverse(pattern.gathered(residual)))
@@ -99,21 +143,13 @@ class _EndOfStep:
 
 def _system(inputs: _Inputs, around: Array) -> System:
     i = inputs
-    return step_system(i.model, i.params, i.state, i.dt, i.forces, i.coarse, around)
+    return step_system(i.model, i.params, i.state, i.dt, i.forces, around)
 
 
-def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tuple[Array, tuple[SolveInfo, Any]]:
+def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -> tuple[Array, tuple[SolveInfo, Any]]:
     def once(s: _Rounds, system: System, residual: Array) -> _Rounds:
-        rows: Any = None
-        if route == "mprgp":
-            found, (info, rows) = solve_dual(system, s.impulses)
-            # Its tolerance is one of the rows' own residual: where that holds at once, the rounds have ended.
-            status = jnp.where(info.iterations == 0, info.status, s.status).astype(jnp.int32)
-            s = s.replace(status=status)
-        else:
-            tolerance = jnp.maximum(system.tolerance, FIRST_DIGITS)
-            loose = system.replace(tolerance=tolerance, floor=0.3 * s.target)
-            found, (info, _) = solve_condensed(loose, s.velocities)
+        found, rows, info, nothing_left = inner.round(system, inputs.cache, s.velocities, s.impulses, s.target)
+        s = s.replace(status=jnp.where(nothing_left, info.status, s.status).astype(jnp.int32))
         failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
         status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
         total = s.iterations + info.iterations
@@ -142,7 +178,7 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, route: str) -> tup
         s = s.replace(status=status)
         halved = s.replace(velocities=0.5 * (s.velocities + s.best))
         ended = s.replace(least=residual)
-        worse = ~(residual <= GROWTH * s.least) & (route != "mprgp")
+        worse = ~(residual <= GROWTH * s.least) & inner.guarded
         choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(worse, 1, 2))
         branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
         return jax.lax.switch(choice, branches)

@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.pytrees import Pytree, static
+from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, difference, moving_with_body
-from jaxfem.rows.contact import Pairs
+from jaxfem.rows.contact import Candidates, Pairs
 
 Array = jax.Array
 
@@ -29,7 +29,7 @@ SIGNS = np.array([np.insert([i, j], axis, 0) for axis in range(3) for i in (-1, 
 """Edges of a box: the axis along which each runs, and its middle in halves of the box's size."""
 
 
-class BoxEdges(Pytree):
+class BoxEdges(Candidates):
     """Pairs of boxes: rigid bodies `a` and `b` (m,), halves of their sizes (m, 3), and their origins from the bodies'
     centres of mass (m, 3); `margin` (8 m,), 8 candidates for each pair."""
 
@@ -41,7 +41,6 @@ class BoxEdges(Pytree):
     origin_b: Any
     margin: Any
     rough: bool = static()
-    names: tuple[str, ...] = static(default=())
 
     @property
     def kind(self) -> str:

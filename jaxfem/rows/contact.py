@@ -6,7 +6,8 @@ or c = -e (J v)_old, if larger, where an impact is due. Friction rows are bounde
 route sees to that. Pairs that cannot meet are switched off by a zero row.
 """
 
-from typing import Any, Protocol
+import dataclasses
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -37,27 +38,36 @@ class Pairs(Pytree):
     relative: Placed
 
 
-class Candidates(Protocol):
-    """m candidate pairs of one kind."""
+class Candidates(Pytree):
+    """m candidate pairs of one kind. A subclass also has `margin` (m,) [m], the distance from which a pair takes part,
+    and the static flag `rough`, whether they have friction rows.
+
+    `names` (m): the contacts that they are of.
+    """
+
+    names: tuple[str, ...] = static(default=(), kw_only=True)
 
     @property
-    def rough(self) -> bool:
-        """Whether they have friction rows."""
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        raise NotImplementedError
 
     @property
-    def margin(self) -> Array:
-        """Distance (m,) [m] from which a pair takes part."""
+    def alone(self) -> bool:
+        """Whether they cannot share a group with those of another contact."""
+        return False
 
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""
+        raise NotImplementedError
 
 
-class ShapeContacts(Pytree):
+class ShapeContacts(Candidates):
     """Points of bodies against shapes that have a signed distance: rigid bodies' own, or ground.
 
     `points` (m); `radius` (m,) of the ball around each; `shape`: one for all pairs if `shared`, else its leaves lead
-    with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): the shape's
-    origin from the body's centre of mass.
+    with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): their centres of
+    mass from the shapes' origins, in the shapes' frames, None where they are one.
     """
 
     points: Any
@@ -67,12 +77,17 @@ class ShapeContacts(Pytree):
     margin: Any
     rough: bool = static()
     shared: bool = static()
-    names: tuple[str, ...] = static(default=())
+    offset: Any = dataclasses.field(default=None, kw_only=True)
 
     @property
     def kind(self) -> str:
         """Words for the kinds of partners."""
         return f"{self.points.kind}-{'ground' if self.body is None else 'rigid'} {type(self.shape).__name__.lower()}"
+
+    @property
+    def alone(self) -> bool:
+        """One shape serves one contact."""
+        return self.shared
 
     def pairs(self, at: Configuration) -> Pairs:
         """The normal is the gradient of the distance; both sides push at the middle of the gap, or at a's node."""
@@ -94,11 +109,12 @@ class ShapeContacts(Pytree):
         if self.body is None:
             return measure(self.shape, places)
         turn = at.rotations[self.body]
-        gap, normal = measure(self.shape, jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body]))
+        local = jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body])
+        gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
         return gap, jnp.einsum("mij,mj->mi", turn, normal)
 
 
-class SurfaceContacts(Pytree):
+class SurfaceContacts(Candidates):
     """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
 
     `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
@@ -109,7 +125,6 @@ class SurfaceContacts(Pytree):
     triangles: Any
     margin: Any
     rough: bool = static()
-    names: tuple[str, ...] = static(default=())
 
     @property
     def kind(self) -> str:

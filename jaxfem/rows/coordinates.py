@@ -3,14 +3,14 @@
 Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows act along it.
 """
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
-from jaxfem.rows.locks import Softness, along_axes, spring_rows
+from jaxfem.rows.locks import JointRows, Softness, along_axes, spring_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
 
@@ -75,6 +75,18 @@ class Separation(Pytree):
         return Measured(size, gap.triples, jnp.einsum("mi,mik->mk", direction, gap.jacobian)[:, None])
 
 
+class CoordinateRows(JointRows):
+    """Rows that act along a coordinate."""
+
+    coordinate: Coordinate
+
+    @property
+    def kind(self) -> str:
+        """Words for what the coordinate is between."""
+        ends: Any = self.coordinate
+        return f"{ends.a.kind}-{ends.b.kind}"
+
+
 class LengthValues(Pytree):
     """`length` (m,) [m] of distance joints and ropes, beside their softness."""
 
@@ -83,11 +95,9 @@ class LengthValues(Pytree):
     damping: Any
 
 
-class Distance(Pytree):
+class Distance(CoordinateRows):
     """The coordinate is held at its length; a `rope` only pulls, when it is longer."""
 
-    coordinate: Coordinate
-    names: tuple[str, ...] = static(default=())
     rope: bool = static(default=False)
 
     @property
@@ -114,12 +124,13 @@ class LimitValues(Pytree):
     damping: Any
 
 
-class Limit(Pytree):
+class Limit(CoordinateRows):
     """The coordinate stays between its limits: one row for each, pushing only inwards."""
 
-    coordinate: Coordinate
-    names: tuple[str, ...] = static(default=())
-    one_sided: ClassVar[bool] = True
+    @property
+    def one_sided(self) -> bool:
+        """A limit only pushes."""
+        return True
 
     def rows(self, at: Configuration, values: LimitValues, stage: Stage) -> PointRows:
         """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off."""
@@ -134,7 +145,7 @@ class Limit(Pytree):
         return rows.replace(lower=jnp.where(on, lower, 0), upper=jnp.where(on, upper, 0))
 
 
-class MotorValues(Pytree):
+class DriveValues(Pytree):
     """`target` (m,) [rad/s or m/s; rad or m of a position motor], `strength` (m,) [N m or N], at most; softness."""
 
     target: Any
@@ -143,15 +154,12 @@ class MotorValues(Pytree):
     damping: Any
 
 
-class Motor(Pytree):
+class Drive(CoordinateRows):
     """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
 
-    coordinate: Coordinate
-    names: tuple[str, ...] = static(default=())
     position: bool = static(default=False)
-    one_sided: ClassVar[bool] = False
 
-    def rows(self, at: Configuration, values: MotorValues, stage: Stage) -> PointRows:
+    def rows(self, at: Configuration, values: DriveValues, stage: Stage) -> PointRows:
         """One row, impulse between -strength dt and strength dt (with the scheme's own weight for dt).
 
         A rate motor's compliance is 1 / its damping gain: J v + C lam = target with C = compliance / dt.

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import Domains, domain_force, domain_gradient, domain_strains, row_means
+from jaxfem.elements.domains import DomainMaterial, Domains, domain_force, domain_gradient, domain_strains, row_means
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.pytrees import Pytree, static
 from jaxfem.schemes import Stage
@@ -69,39 +69,36 @@ def cluster_arms(domains: Domains, turned: Array) -> Array:
 def elastic_rows(
     kinds: Sequence[Domains],
     stage: Stage,
-    materials: Sequence[tuple[tuple[Array, Array], Array]],
+    materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
 ) -> tuple[ElasticRows, ...]:
-    """Rows of one step, made at its `stage`; `materials`: stiffness (3K, 2 mu) [Pa] and damping [s] of each kind.
+    """Rows of one step, made at its `stage`; `materials`: one for each kind.
 
-    With e the rotated strain, D the stiffness, and strain and rate at x_a = base + ahead + reach v and
-    v_a = before + follow v (see `schemes`), the stress impulse is
+    With e the rotated strain plus the material's known offset, D its stiffness, and strain and rate at
+    x_a = base + ahead + reach v and v_a = before + follow v (see `schemes`), the stress impulse is
         lam = -weight V D (e + J ahead + beta J before + (reach + follow beta) J v)
         =>   C = 1 / (D V weight (reach + follow beta)),   c = -(e + J ahead + beta J before) / (reach + follow beta).
     For backward Euler C = 1 / (D V dt (dt + beta)), c = -e / (dt + beta) (Benevolensky & Voroshilov 2009, section 2).
     """
     strains = domain_strains(kinds, stage.base, kind)
     return tuple(
-        _rows(each, strain, rotation, stage, *material)
+        _rows(each, strain, rotation, stage, material)
         for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True)
     )
 
 
 def _rows(
-    domains: Domains,
-    strain: list[Array],
-    rotation: Matrix3,
-    stage: Stage,
-    stiffness: tuple[Array, Array],
-    damping: Array,
+    domains: Domains, strain: list[Array], rotation: Matrix3, stage: Stage, material: DomainMaterial
 ) -> ElasticRows:
     reach, follow, weight = stage.numbers(domains.row_nodes)
+    damping = material.damping
     span = reach + follow * damping
     scale = 1 / (domains.row_volumes * weight * span)
-    volumetric, deviatoric = stiffness
-    compliance = jnp.stack([scale / volumetric, *[scale / deviatoric] * 5][domains.rows])
+    stiffness = material.weights(domains)
+    scales = list(scale) if scale.ndim == 2 else [scale] * len(stiffness)
+    compliance = jnp.stack([s / w for s, w in zip(scales, stiffness, strict=True)])
     rows = ElasticRows(domains, array_of(rotation), compliance, jnp.stack(strain), stage.base.shape[0])
-    known = rows.bias
+    known = rows.bias if material.offset is None else rows.bias + material.offset
     if stage.ahead is not None and stage.before is not None:
         known = known + rows.apply(stage.ahead) + damping * rows.apply(stage.before)
     return rows.replace(bias=-known / span)

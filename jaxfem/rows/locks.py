@@ -1,4 +1,4 @@
-"""Locks: rows that hold points together or frames aligned. Joints are built of them (see `declared/joints.py`).
+"""Locks: rows that hold points together or frames aligned. Joints are built of them (see `declared/joints`).
 
 Each lock measures a gap g (m, r) with rate J v and holds it as a spring of compliance alpha and damping d, implicitly
 at the step's stage x_a = base + ahead + reach v, v_a = before + follow v (see `schemes`), with g taken at `base`:
@@ -8,7 +8,7 @@ For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alp
 taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
-from typing import Any, ClassVar, Protocol
+from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -28,20 +28,41 @@ class Softness(Pytree):
     damping: Any
 
 
-class JointRows(Protocol):
-    """m joint parts of one kind: what the step asks of each."""
+class JointRows(Pytree):
+    """m joint parts of one kind: what the step asks of each. A subclass holds on to something at `a` and at `b`.
 
-    names: tuple[str, ...]
+    `names` (m): the joints that they are of.
+    """
+
+    names: tuple[str, ...] = static(default=(), kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        """Words for what it holds on to, part of a group's name: "rigid-world"."""
+        ends: Any = self
+        return f"{ends.a.kind}-{ends.b.kind}"
 
     @property
     def one_sided(self) -> bool:
         """Whether they only push or only pull, and may strike: limits and ropes."""
+        return False
 
     def rows(self, at: Configuration, values: Any, stage: Stage) -> PointRows:
         """Their rows; `at` is where the stage's `base` is."""
+        raise NotImplementedError(f"{type(self).__name__} has no rows: define them")
 
 
-def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage):
+@runtime_checkable
+class Pulling(Protocol):
+    """Joint rows whose pull has to be felt as geometric stiffness."""
+
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What forces (m, r) [N] add to the angular mass of the bodies that they pull on, (b, 3, 3)."""
+
+
+def spring_rows(
+    gap: Array, triples: Array, jacobian: Array, values: Softness, at: Configuration, stage: Stage
+) -> PointRows:
     """Rows (m, r) that hold a gap (m, r) at zero, as the head of this file says."""
     alpha, damping = values.compliance[:, None], values.damping[:, None]
     reach, follow, weight = stage.numbers(triples[:, :1])
@@ -54,28 +75,28 @@ def spring_rows(gap: Array, triples: Array, jacobian: Array, values: Softness, a
     return rows.replace(bias=-known / slack)
 
 
-class PointLock(Pytree):
+class PointLock(JointRows):
     """Points `a` and `b` coincide: three rows along the world axes, impulses on b."""
 
     a: Point
     b: Point
-    names: tuple[str, ...] = static(default=())
-    one_sided: ClassVar[bool] = False
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b."""
         gap = difference(self.a.placed(at), self.b.placed(at))
         return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
 
+    def tension_stiffness(self, force: Array, at: Configuration) -> Array:
+        """What its last forces (m, 3) [N] add to the angular mass of the bodies that it pulls on, (b, 3, 3)."""
+        return tension_stiffness(self, force, at)
 
-class LineLock(Pytree):
+
+class LineLock(JointRows):
     """Point `b` stays on the line through `a` along the third axis of `frame`: two rows along the other axes."""
 
     a: Point
     b: Point
     frame: Frame
-    names: tuple[str, ...] = static(default=())
-    one_sided: ClassVar[bool] = False
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b along the axes across the line."""
@@ -83,41 +104,27 @@ class LineLock(Pytree):
         return spring_rows(gap[:, :2], triples, jacobian[:, :2], values, at, stage)
 
 
-class FrameLock(Pytree):
-    """Frames `a` and `b` stay aligned: three rows along a's axes."""
+class FrameLock(JointRows):
+    """Frames `a` and `b` stay aligned: as many rows as turns are `held`, about a's first axes.
+
+    With 3 all axes stay aligned; with 2 the third ones do, about which b turns freely.
+    """
 
     a: Frame
     b: Frame
-    names: tuple[str, ...] = static(default=())
-    one_sided: ClassVar[bool] = False
+    held: int = static(default=3)
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
-        """Gap: rotation from a's axes to b's; its rate is the relative spin to first order."""
+        """Gap: the turn from a's axes to b's; its rate is the relative spin to first order."""
         axes, other = self.a.axes(at), self.b.axes(at)
         triples, spin = relative_spin(self.a, self.b, at)
-        # sum of the axes' cross products: 2 sin(angle) times the direction of the turn
-        gap = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
+        if self.held == 3:  # sum of the axes' cross products: 2 sin(angle) times the direction of the turn
+            gap = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
+        else:
+            gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
+        about = axes[:, :, : self.held]
         return spring_rows(
-            jnp.einsum("mij,mi->mj", axes, gap), triples, jnp.einsum("mij,mik->mjk", axes, spin), values, at, stage
-        )
-
-
-class AxisLock(Pytree):
-    """The third axes of frames `a` and `b` stay aligned: two rows along a's other axes."""
-
-    a: Frame
-    b: Frame
-    names: tuple[str, ...] = static(default=())
-    one_sided: ClassVar[bool] = False
-
-    def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
-        """Gap: cross product of the axes, seen along a's first and second."""
-        axes, other = self.a.axes(at), self.b.axes(at)
-        triples, spin = relative_spin(self.a, self.b, at)
-        gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
-        across = axes[:, :, :2]
-        return spring_rows(
-            jnp.einsum("mij,mi->mj", across, gap), triples, jnp.einsum("mij,mik->mjk", across, spin), values, at, stage
+            jnp.einsum("mij,mi->mj", about, gap), triples, jnp.einsum("mij,mik->mjk", about, spin), values, at, stage
         )
 
 

@@ -7,8 +7,6 @@ neighbouring blocks couple: a block tridiagonal matrix.
 """
 
 import numpy as np
-import scipy.sparse as sparse
-from scipy.sparse.csgraph import reverse_cuthill_mckee
 
 from jaxfem.pytrees import Pytree
 
@@ -116,8 +114,11 @@ def _by_bandwidth(nodes: list[int], neighbours: list[set[int]]) -> list[int]:
     """Nodes in an order of small bandwidth."""
     if not nodes:
         return []
+    from scipy.sparse import csr_matrix  # slow to import: only where an order is looked for
+    from scipy.sparse.csgraph import reverse_cuthill_mckee
+
     rows, columns = _links(nodes, neighbours)
-    graph = sparse.csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes), len(nodes)))
+    graph = csr_matrix((np.ones(len(rows)), (rows, columns)), shape=(len(nodes), len(nodes)))
     return [nodes[i] for i in reverse_cuthill_mckee(graph, symmetric_mode=True)]
 
 

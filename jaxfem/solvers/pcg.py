@@ -17,7 +17,7 @@ class _State(Pytree):
     r: Any
     p: Any
     rz: Array
-    residual: Array
+    square: Array
     iteration: Array
     status: Array
 
@@ -46,41 +46,42 @@ def pcg(
     Source: Hestenes & Stiefel 1952; Saad, Iterative Methods for Sparse Linear Systems, algorithm 9.1.
     """
     limit = default_limit(b) if max_iterations is None else max_iterations
-    precondition = preconditioner or (lambda r: r)
     scale = trees.norm(b)
     target = jnp.maximum(tol * scale, absolute)
 
-    def judge(residual: Array) -> Array:
+    def judge(square: Array) -> Array:
+        residual = jnp.sqrt(square)
         done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
         return jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
-
-    def start() -> _State:
-        x = trees.zeros(b) if x0 is None else x0
-        r = b if x0 is None else trees.minus(b, matvec(x0))
-        z = precondition(r)
-        residual = trees.norm(r)
-        return _State(x, r, z, trees.dot(r, z), residual, jnp.int32(0), judge(residual))
 
     def running(s: _State) -> Array:
         return (s.status == Status.ITERATION_LIMIT) & (s.iteration < limit)
 
     def trip(s: _State) -> _State:
-        # alpha = r'z / p'Ap,  x += alpha p,  r -= alpha A p,  p <- z + (r'z)_new / (r'z)_old p
-        Ap = matvec(s.p)
-        curvature = trees.dot(s.p, Ap)
-        sound = (curvature > 0) & (s.rz > 0) & jnp.isfinite(curvature)
-        alpha = jnp.where(sound, s.rz / jnp.where(sound, curvature, 1), 0)
-        x, r = trees.plus(s.x, alpha, s.p), trees.plus(s.r, -alpha, Ap)
-        z = precondition(r)
-        rz = trees.dot(r, z)
-        residual = jnp.sqrt(rz) if preconditioner is None else trees.norm(r)
-        p = trees.plus(z, rz / jnp.where(sound, s.rz, 1), s.p)
-        finite = jnp.isfinite(curvature) & jnp.isfinite(s.rz)
+        # z = M^-1 r,  p <- z + r'z / (r'z)_old p,  alpha = r'z / p'Ap,  x += alpha p,  r -= alpha A p
+        z, rz = (s.r, s.square) if preconditioner is None else _preconditioned(preconditioner, s.r)
+        p = trees.plus(z, rz / jnp.where(s.rz > 0, s.rz, 1), s.p)
+        Ap = matvec(p)
+        curvature = trees.dot(p, Ap)
+        sound = (curvature > 0) & (rz > 0) & jnp.isfinite(curvature)
+        alpha = jnp.where(sound, rz / jnp.where(sound, curvature, 1), 0)
+        x, r = trees.plus(s.x, alpha, p), trees.plus(s.r, -alpha, Ap)
+        square = jnp.where(sound, trees.dot(r, r), s.square)
+        finite = jnp.isfinite(curvature) & jnp.isfinite(rz)
         failure = jnp.where(finite, int(Status.NOT_POSITIVE_DEFINITE), int(Status.NOT_FINITE))
-        status = jnp.where(sound, judge(residual), failure).astype(jnp.int32)
-        x, residual = trees.where(sound, x, s.x), jnp.where(sound, residual, s.residual)
-        return _State(x, r, p, rz, residual, s.iteration + 1, status)
+        status = jnp.where(sound, judge(square), failure).astype(jnp.int32)
+        return _State(trees.where(sound, x, s.x), r, p, rz, square, s.iteration + 1, status)
 
-    end = jax.lax.while_loop(running, trip, start())
-    relative = end.residual / jnp.where(scale > 0, scale, 1)
+    # The first direction is z alone, as the one before it is zero: so a program holds `preconditioner` once.
+    x = trees.zeros(b) if x0 is None else x0
+    r = b if x0 is None else trees.minus(b, matvec(x0))
+    square = trees.dot(r, r)
+    first = _State(x, r, trees.zeros(b), jnp.ones_like(square), square, jnp.int32(0), judge(square))
+    end = jax.lax.while_loop(running, trip, first)
+    relative = jnp.sqrt(end.square) / jnp.where(scale > 0, scale, 1)
     return end.x, SolveInfo(end.status, end.iteration, relative, jnp.int32(0))
+
+
+def _preconditioned(preconditioner: Callable[[Any], Any], r: Any) -> tuple[Any, Array]:
+    z = preconditioner(r)
+    return z, trees.dot(r, z)

@@ -1,0 +1,7 @@
+"""Steps and rollouts: what is called in a loop."""
+
+from jaxfem.stepping.checks import StepError, check_call, typed
+from jaxfem.stepping.impulses import impulses
+from jaxfem.stepping.step import prepare, rollout, step
+
+__all__ = ["StepError", "check_call", "impulses", "prepare", "rollout", "step", "typed"]

@@ -11,6 +11,8 @@ bodies that it may tie, whose accelerations then start anew: what an impact does
 Virlez & Bruls 2013).
 """
 
+from collections import OrderedDict
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -20,11 +22,12 @@ from jaxfem.model import Model, Params, State, nodal_mass
 from jaxfem.rigid.dynamics import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration
+from jaxfem.rows.bounds import Friction
 from jaxfem.rows.contact import contact_rows
-from jaxfem.rows.locks import PointLock, tension_stiffness
+from jaxfem.rows.locks import Pulling
 from jaxfem.rows.points import PointRows
-from jaxfem.schemes import Stage, backward_euler_stage
-from jaxfem.system.soft import Friction, System, external_force, inverse_mass, stage_of, step_system
+from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
@@ -37,48 +40,75 @@ STIFFNESS_ONSET = 1.0
 
 
 def coupled_system(
-    model: Model, params: Params, state: State, dt: Array, forces: Array | None = None, coarse: Array | None = None
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Array,
+    forces: Array | None = None,
+    pull: Mapping[str, Array] | None = None,
 ) -> System:
-    """The step's system on all triples: n nodes, b linear, b angular. `coarse` as in `step_system`."""
+    """The step's system on all triples: n nodes, b linear, b angular.
+
+    `pull`: impulses of the last step's rows by group, as far as known: what geometric stiffness is made of.
+    """
     at = configuration(state)
-    impact = free = None
-    if model.scheme != "backward_euler":
-        free = _unhindered(model, params, state, dt, forces)
-        impact = _impact(model, params, state, dt, free, at)
-    soft = step_system(model, params, state, dt, forces, coarse, impact=impact)
-    system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at)
-    rows: Any = soft.rows
-    elastic = tuple(each.replace(nodes=at.unknowns) for each in rows)
+    impact = unhindered = None
+    if model.scheme.restarts:
+        unhindered = _unhindered(model, params, state, dt, forces)
+        impact = _impact(model, params, state, dt, unhindered, at)
+    soft = step_system(model, params, state, dt, forces, impact=impact)
+    system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at, pull or {})
+    elastic = tuple(each.replace(nodes=at.unknowns) for each in soft.elastic)
     stage = stage_of(model, state, soft.prescribed, dt, impact)
-    extra, rough = _extra_rows(model, params, state, dt, stage, at, system.target if free is None else free)
-    friction = tuple(Friction(mu, len(elastic) + place - 1, len(elastic) + place) for place, mu in rough.items())
-    hardened = tuple(_hardened(rows, *inverse_mass(system)) for rows in extra)
-    return system.replace(rows=elastic + hardened, friction=friction, elimination=model.elimination)
+    reached = system.target if unhindered is None else unhindered
+    extra, friction = _extra_rows(model, params, state, dt, stage, at, reached)
+    inverse = inverse_mass(system)
+    hardened = OrderedDict((name, _hardened(rows, *inverse)) for name, rows in extra.items())
+    return system.replace(elastic=elastic, extra=hardened, friction=friction)
+
+
+def joint_name(label: str) -> str:
+    """Name of the rows of a group of joints."""
+    return f"joint {label}"
+
+
+def contact_name(label: str) -> str:
+    """Name of the normal rows of a group of contacts."""
+    return f"contact {label}"
+
+
+def friction_name(label: str) -> str:
+    """Name of the tangential rows of a group of contacts."""
+    return f"contact {label} friction"
 
 
 def _extra_rows(
-    model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, free: Array
-) -> tuple[list[PointRows], dict[int, Array]]:
-    """Rows of joints and contacts, and the coefficients of friction by the places of tangential rows among them.
+    model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, unhindered: Array
+) -> tuple[OrderedDict[str, PointRows], dict[str, Friction]]:
+    """Rows of joints and contacts by group, and which of them are friction's.
 
-    `free` (n, 3): end-of-step velocities as they would be without any row.
+    `unhindered` (n, 3): end-of-step velocities as they would be without any row.
     """
     ahead = at.replace(nodes=stage.base)
-    striking = backward_euler_stage(state.positions, state.velocities, dt)
-    striking = striking.replace(weight=stage.weight)
-    extra = []
-    for name in sorted(model.joints):
-        place = (at, striking) if model.joints[name].one_sided else (ahead, stage)
-        extra.append(model.joints[name].rows(place[0], params.joints[name], place[1]))
-    rough = {}
-    for name in sorted(model.contacts):
-        values = params.contacts[name]
-        normal, tangent = contact_rows(model.contacts[name], at, values, dt, velocities_of(state), free)
-        extra.append(normal)
+    striking = _plain_stage(state, dt).replace(weight=stage.weight)
+    extra: OrderedDict[str, PointRows] = OrderedDict()
+    for label, group in sorted(model.joints.items()):
+        place = (at, striking) if group.one_sided else (ahead, stage)
+        extra[joint_name(label)] = group.rows(place[0], params.joints[label], place[1])
+    friction = {}
+    for label, group in sorted(model.contacts.items()):
+        values = params.contacts[label]
+        normal, tangent = contact_rows(group, at, values, dt, velocities_of(state), unhindered)
+        extra[contact_name(label)] = normal
         if tangent is not None:
-            rough[len(extra)] = values.friction
-            extra.append(tangent)
-    return extra, rough
+            friction[friction_name(label)] = Friction(values.friction, contact_name(label))
+            extra[friction_name(label)] = tangent
+    return extra, friction
+
+
+def _plain_stage(state: State, dt: Array) -> Stage:
+    """Where contacts, limits and ropes act, whatever the scheme."""
+    return BackwardEuler().stage(state, state.velocities, jnp.bool_(True), dt)
 
 
 def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> Array:
@@ -87,19 +117,18 @@ def _unhindered(model: Model, params: Params, state: State, dt: Array, forces: A
     return state.velocities + dt * load / nodal_mass(model, params.density)[:, None] * model.free[:, None]
 
 
-def _impact(model: Model, params: Params, state: State, dt: Array, free: Array, at: Configuration) -> Array:
+def _impact(model: Model, params: Params, state: State, dt: Array, unhindered: Array, at: Configuration) -> Array:
     """Nodes (n,) of bodies where a one-sided row strikes: its rate changes by more than two steps of loads explain.
 
-    `free` as in `_extra_rows`.
+    `unhindered` as in `_extra_rows`.
     """
-    stage = backward_euler_stage(state.positions, state.velocities, dt)
-    rows, rough = _extra_rows(model, params, state, dt, stage, at, free)
+    rows, friction = _extra_rows(model, params, state, dt, _plain_stage(state, dt), at, unhindered)
     assert model.node_group is not None
     struck = jnp.zeros(model.nodes, bool)  # by group, of which there are fewer
-    for place, each in enumerate(rows):
-        if each.bounds is None or place in rough:
+    for name, each in rows.items():
+        if each.bounds is None or name in friction:
             continue
-        before, coming = each.apply(state.velocities), each.apply(free)
+        before, coming = each.apply(state.velocities), each.apply(unhindered)
         for side, bound in ((1, each.bounds[1]), (-1, each.bounds[0])):
             short = side * (each.bias - before) > 2 * jnp.abs(coming - before)
             due = jnp.any(jnp.isinf(bound) & short & (side * (each.bias - coming) > 0), axis=1)
@@ -150,10 +179,12 @@ def advance_rigid(model: Model, params: Params, state: State, velocities: Array,
     return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt)
 
 
-def _with_rigid(soft: System, model: Any, params: Any, state: Any, dt: Array, at: Configuration) -> System:
+def _with_rigid(
+    soft: System, model: Any, params: Any, state: Any, dt: Array, at: Configuration, pull: Mapping[str, Array]
+) -> System:
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
     inertia = world_inertia(bodies, mass, midway(bodies, rigid, dt))
-    inertia = inertia + dt**2 * _needed_stiffness(model, state, inertia, dt, at)
+    inertia = inertia + dt**2 * _needed_stiffness(model, pull, inertia, dt, at)
     spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), angular_momentum(bodies, mass, rigid))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
@@ -169,19 +200,16 @@ def _with_rigid(soft: System, model: Any, params: Any, state: Any, dt: Array, at
     )
 
 
-def _needed_stiffness(model: Model, state: State, inertia: Array, dt: Array, at: Configuration) -> Array:
-    """Geometric stiffness of point joints with their last impulses, as far as stability asks for it: (b, 3, 3).
+def _needed_stiffness(model: Model, pull: Mapping[str, Array], inertia: Array, dt: Array, at: Configuration) -> Array:
+    """Geometric stiffness of joints with their last impulses `pull`, as far as stability asks for it: (b, 3, 3).
 
     K (1 - onset / x)+ with x = dt^2 |I^-1 K| (Frobenius): nothing where the step resolves the motion, and elsewhere
     just enough to keep the explicit remainder at the onset.
     """
     total = jnp.zeros_like(inertia)
-    if state.impulses is None:
-        return total
-    for name, impulse in zip(sorted(model.joints), state.impulses[len(model.domains) :], strict=False):
-        lock = model.joints[name]
-        if isinstance(lock, PointLock):
-            total = total + tension_stiffness(lock, impulse / dt, at)
+    for label, group in sorted(model.joints.items()):
+        if joint_name(label) in pull and isinstance(group, Pulling):
+            total = total + group.tension_stiffness(pull[joint_name(label)] / dt, at)
     ratio = jnp.einsum("bij,bjk->bik", inverse_blocks(inertia), total)
     square = jnp.sum(ratio**2, (1, 2))
     size = dt**2 * jnp.sqrt(jnp.where(square > 0, square, 1))

@@ -1,47 +1,43 @@
-"""One step as a condition on the end-of-step velocity, the same for every route to its solution."""
+"""One step as a condition on the end-of-step velocity, the same for every method."""
 
-from typing import Any
+import dataclasses
+from collections import OrderedDict
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import viscoelastic_force
-from jaxfem.elements.mass import MassCoupling
+from jaxfem.elements.mass import SharedMass
+from jaxfem.elements.pattern import Pattern
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, Pattern, State, domain_materials, mass_coupling, nodal_mass
+from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, shared_mass
 from jaxfem.motion import displaced
-from jaxfem.pytrees import Pytree, static
+from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows, total_impulse
+from jaxfem.rows.bounds import Friction
 from jaxfem.rows.elastic import ElasticRows, elastic_rows
 from jaxfem.rows.points import PointRows
-from jaxfem.schemes import Stage, alpha_stage, backward_euler_stage, moved_to
+from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.memory import step_materials
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
 
 
-class Friction(Pytree):
-    """Rows `tangent` (m, 2) are bounded by `coefficient` (m,) times the impulses of rows `normal` (m, 1)."""
-
-    coefficient: Array
-    normal: int = static()
-    tangent: int = static()
-
-
 class System(Pytree):
-    """One step, prepared: rows at the start-of-step configuration and everything else a route needs.
+    """One step, prepared: rows at the start-of-step configuration and everything else a method needs.
 
-    `rows`: tuple of kinds, elastic first. `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s];
-    `free` (n,) 1 or 0; `floor` [N s]: residual below which only rounding is left; `positions` (n, 3) at the start of
-    the step; `coarse`: the preconditioner's inverse, built at some earlier shape (see `condensed.py`). `coupling`:
-    what the masses have that is not lumped; it acts on the change from the velocities `before` (n, 3).
-    With rigid bodies n counts all triples (see `rows/attachments.py`), `inertia` (b, 3, 3) are the blocks of the last b
-    of them, whose `mass` is 0, and `friction` says which rows bound which (see `coupled.py`).
-    `elimination`: the order in which rows are eliminated, None where they are not (see `row_order.py`). `impact`
-    (n,): where something strikes within a step of the second-order scheme, which there is one of backward Euler.
+    `elastic`: elastic rows, one entry for each kind of domains; `extra`: all other rows, by the names of their groups:
+    joints, then contacts with their friction; `friction`: which of them are bounded by which (see `rows/bounds.py`).
+    `mass` (n,) [kg]; `target` v* (n, 3) and `prescribed` (n, 3) [m/s]; `free` (n,) 1 or 0; `floor` [N s]: residual
+    below which only rounding is left; `positions` (n, 3) at the start of the step. `shared_mass`: what the masses have
+    that is not lumped; it acts on the change from the velocities `before` (n, 3).
+    With rigid bodies n counts all triples (see `rows/attachments.py`), and `inertia` (b, 3, 3) are the blocks of the
+    last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
+    there, which is then one of backward Euler.
     """
 
-    rows: tuple[Rows, ...]
+    elastic: tuple[ElasticRows, ...]
     mass: Array
     target: Array
     prescribed: Array
@@ -51,13 +47,22 @@ class System(Pytree):
     tolerance: Array
     max_iterations: Array
     positions: Array
-    coarse: Any
-    coupling: MassCoupling | None = None
+    extra: OrderedDict[str, PointRows] = dataclasses.field(default_factory=OrderedDict)
+    friction: dict[str, Friction] = dataclasses.field(default_factory=dict)
+    shared_mass: SharedMass | None = None
     before: Array | None = None
     inertia: Array | None = None
-    friction: tuple[Friction, ...] = ()
-    elimination: Any = None
     impact: Array | None = None
+
+    @property
+    def rows(self) -> OrderedDict[str, Rows]:
+        """All rows by the names of their groups, elastic ones first."""
+        return OrderedDict([*zip(elastic_names(len(self.elastic)), self.elastic, strict=True), *self.extra.items()])
+
+
+def elastic_names(count: int) -> list[str]:
+    """Names of the groups of elastic rows, one for each kind of domains."""
+    return [f"elastic {number}" for number in range(1, count + 1)]
 
 
 def step_system(
@@ -66,23 +71,22 @@ def step_system(
     state: State,
     dt: Array,
     forces: Array | None = None,
-    coarse: Array | None = None,
     around: Array | None = None,
     impact: Array | None = None,
 ) -> System:
     """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None.
 
-    `coarse` may be None for those who do not solve. `around` (n, 3): end-of-step velocities of free nodes; rows and
-    loads are made where they lead, instead of where the step starts. `impact`: see `System`.
+    `around` (n, 3): end-of-step velocities of free nodes; rows and loads are made where they lead, instead of where the
+    step starts. `impact`: see `System`.
     """
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0
     stage = stage_of(model, state, prescribed, dt, impact)
-    stage = stage if around is None else moved_to(stage, jnp.where(free, around, prescribed))
+    stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        rows=elastic_rows(model.domains, stage, domain_materials(model, params), model.rotation),
+        elastic=elastic_rows(model.domains, stage, step_materials(model, params, state, dt), model.rotation),
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,
@@ -92,22 +96,10 @@ def step_system(
         tolerance=model.tolerance,
         max_iterations=model.max_iterations,
         positions=jax.lax.stop_gradient(stage.base),
-        coarse=coarse,
-        coupling=mass_coupling(model, params.density),
+        shared_mass=shared_mass(model, params.density),
         before=None if model.mass == "lumped" else jnp.where(free, stage.start, state.velocities),
         impact=impact,
     )
-
-
-def extra_rows(system: System) -> tuple[PointRows, ...]:
-    """The rows that are not elastic: contacts, limits, motors, joints."""
-    return tuple(rows for rows in system.rows if isinstance(rows, PointRows))
-
-
-def elastic_part(system: System) -> System:
-    """The same step without its extra rows."""
-    rows = tuple(each for each in system.rows if isinstance(each, ElasticRows))
-    return system.replace(rows=rows)
 
 
 def merged(system: System, unknown: Array) -> Array:
@@ -125,16 +117,16 @@ def inverse_mass(system: System) -> tuple[Array, Array | None]:
 
 
 def momentum_gradient(system: System, unknown: Array) -> Array:
-    """Gradient of the primal objective, (n, 3) [N s]: M (v - v*) - J' clip((c - J v) / C, lower, upper).
+    """Gradient of the primal objective of elastic rows, (n, 3) [N s]: M (v - v*) - J' (c - J v) / C.
 
     Fixed triples carry M times the unknown, so that the Hessian stays symmetric positive definite and they solve to 0.
     """
     velocities = merged(system, unknown)
     mass = system.mass[:, None]
-    residual = mass * (velocities - system.target) - total_impulse(system.rows, velocities)
+    residual = mass * (velocities - system.target) - total_impulse(system.elastic, velocities)
     own = mass * unknown
-    if system.coupling is not None and system.before is not None:
-        residual = residual + system.coupling.apply(velocities - system.before)
+    if system.shared_mass is not None and system.before is not None:
+        residual = residual + system.shared_mass.apply(velocities - system.before)
     if system.inertia is not None:
         change = jnp.stack([velocities - system.target, unknown])[:, -system.inertia.shape[0] :]
         spin = jnp.einsum("bij,sbj->sbi", system.inertia, change)
@@ -178,16 +170,9 @@ def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -
 
 def stage_of(model: Model, state: State, prescribed: Array, dt: Array, impact: Array | None = None) -> Stage:
     """Where the scheme makes a step's rows; `prescribed` (n, 3): velocities of driven nodes."""
-    x, v = state.positions, state.velocities
-    plain = backward_euler_stage(x, v, dt)
-    if model.scheme == "backward_euler":
-        return plain
-    accelerations = jnp.zeros_like(v) if state.accelerations is None else state.accelerations
-    stage = alpha_stage(x, v, accelerations, prescribed, model.free[:, None] > 0, dt, model.rho_inf)
-    if impact is None:
-        return stage
-    plain = plain.replace(ahead=jnp.zeros_like(v), before=jnp.zeros_like(v))
-    return jax.tree.map(lambda one, other: jnp.where(impact[:, None], one, other), plain, stage)  # type: ignore[no-any-return]
+    free = model.free[:, None] > 0
+    stage = model.scheme.stage(state, prescribed, free, dt)
+    return stage if impact is None else BackwardEuler().stage(state, prescribed, free, dt).where(impact, stage)
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:

@@ -12,6 +12,7 @@ import jaxfem as jf
 from jaxfem.elements.elasticity import elastic_force
 from jaxfem.elements.tetra import deformation_gradient, gradient_of, rotated_strain, rotation_of
 from jaxfem.energies import total_elastic_energy
+from jaxfem.model import domain_materials
 from jaxfem.tensors import array_of
 
 RNG = np.random.default_rng(1)
@@ -30,7 +31,7 @@ def block(request):
 
 @jax.jit
 def force(model, params, positions):
-    return elastic_force(model.domains, positions, params.young, params.poisson)
+    return elastic_force(model.domains, positions, domain_materials(model, params))
 
 
 @jax.jit

@@ -106,7 +106,9 @@ def test_a_subset_refuses_unknown_names():
 
 def test_fitted_values_replace_zeros_of_several_bodies():
     """Proportions are kept; where all are zero there are none, and the value goes to each."""
-    params = jf.Params(*jnp.array([[1e5, 3e5], [0.3, 0.3], [1e3, 1e3], [0.0, 0.0]]), gravity=jnp.zeros(3))
+    values = {"young": [1e5, 3e5], "poisson": [0.3, 0.3], "density": [1e3, 1e3], "damping": [0.0, 0.0]}
+    constants = {name: jnp.array(each) for name, each in values.items()}
+    params = jf.Params(constants, gravity=jnp.zeros(3))
     changed = with_values(params, {"damping": 2e-3, "young": 4e5})
     np.testing.assert_allclose(changed.damping, [2e-3, 2e-3])
     np.testing.assert_allclose(changed.young, [2e5, 6e5])

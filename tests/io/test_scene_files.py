@@ -5,7 +5,7 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.io import SceneFileError, beam_scene, load_scene
-from jaxfem.materials.moduli import MaterialError
+from jaxfem.materials.constants import MaterialError
 
 BODY = """
 [[body]]
@@ -36,7 +36,7 @@ def load(tmp_path):
 def test_example(load):
     file = load(beam_scene(young=123456.789, poisson=0.4, damping=1.5e-3, cells=(4, 2, 2)))
     (body,) = file.scene.bodies
-    assert (body.young, body.poisson, body.damping, body.name) == (123456.789, 0.4, 1.5e-3, "beam")
+    assert body.made_of.values == {"young": 123456.789, "poisson": 0.4, "damping": 1.5e-3} and body.name == "beam"
     assert len(body.mesh.cells) == 4 * 2 * 2 * 12 and (body.mesh.points[body.fixed, 0] == 0).all()
     assert (file.dt, file.steps, file.every, file.duration) == (0.01, 100, 1, 1.0)
     assert file.points == {"tip": (0.1, 0.015, 0.015)} and file.folder.name == "results"
@@ -141,7 +141,7 @@ def test_material_for_each_cell_group(load, tmp_path):
     jf.mesh.write(tmp_path / "part.msh", jf.TetMesh(mesh.points, mesh.cells, cell_groups=halves))
     text = SCENE.replace("{ box = [0.2, 0.1, 0.1], cells = [2, 1, 1] }", '{ file = "part.msh" }')
     body = load(text.replace("1e5", "{ soft = 1e4, stiff = 1e6 }")).scene.bodies[0]
-    np.testing.assert_array_equal(body.young, np.repeat([1e4, 1e6], 6))
+    np.testing.assert_array_equal(body.made_of.values["young"], np.repeat([1e4, 1e6], 6))
     with pytest.raises(SceneFileError, match="leaves out 6 elements, like 6: name their group"):
         load(text.replace("1e5", "{ soft = 1e4 }"))
     with pytest.raises(SceneFileError, match=r"unknown key 'stif' .* did you mean 'stiff'"):

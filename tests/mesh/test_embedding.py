@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from scipy.optimize import nnls
 
-from jaxfem.mesh import MeshError, ball, box, locate, read
+from jaxfem.mesh import MeshError, ball, box, embedding, locate, read
 
 
 def places(mesh, elements, weights):
@@ -80,3 +80,13 @@ def test_empty_and_bad_queries():
         locate(mesh.points, mesh.cells, [[np.nan, 0, 0]])
     with pytest.raises(MeshError, match="element 0 has no volume"):
         locate(mesh.points * (1, 1, 0), mesh.cells, [[0, 0, 0]])
+
+
+def test_a_few_points_are_tried_against_all_elements_with_the_same_outcome(monkeypatch):
+    mesh = ball(1.0, 3)
+    queries = np.random.default_rng(3).uniform(-1, 1, (40, 3))
+    few = locate(mesh.points, mesh.cells, queries)
+    assert len(queries) * len(mesh.cells) <= embedding.FEW and 0 < (few[2] > 0).sum() < 40
+    monkeypatch.setattr(embedding, "FEW", 0)
+    for one, other in zip(few, locate(mesh.points, mesh.cells, queries), strict=True):
+        np.testing.assert_array_equal(one, other)

@@ -1,5 +1,7 @@
 """Steps with extra rows, drawn at random: contacts with box friction, tethers over eight triples, weak motors."""
 
+from collections import OrderedDict
+
 import jax.numpy as jnp
 import numpy as np
 import scenes
@@ -39,9 +41,15 @@ def random_scene(seed, model, params, state):
 
 
 def system_of(model, params, state, rows):
-    """The step's system with the rows in it, and a preconditioner."""
+    """The step's system with the rows in it."""
     system = step_system(model, params, state, jnp.asarray(DT, state.positions.dtype))
-    return system.replace(coarse=coarse_of(system), rows=(*system.rows, *rows))
+    return system.replace(extra=OrderedDict((f"rows {number}", each) for number, each in enumerate(rows)))
+
+
+def solved(method, system, state):
+    """A method's solution of the step, from no impulses."""
+    zeros = OrderedDict((name, jnp.zeros_like(rows.bias)) for name, rows in method.solved_rows(system).items())
+    return method.solve(system, None, coarse_of(system), state.velocities, zeros)
 
 
 def contacts(rng, nodes, dtype):

@@ -5,25 +5,23 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from row_scenes import free_beam, random_scene, system_of
+from row_scenes import free_beam, random_scene, solved, system_of
 
-from jaxfem.methods.solution import solve_system
+from jaxfem.methods import Condensed, Mprgp
 
 SEEDS = range(20)
 TOLERANCE = {jnp.float64: 1e-9, jnp.float32: 1e-5}
 NAMES = ("young", "density", "damping", "gravity")
 
 
-def solver(model, route):
+def solver(model, method):
     """(params, state, rows, weights) -> weighted sum of the velocities, its gradient in params and rows, velocities."""
 
     def value(inputs, state, weights):
         params, rows = inputs
         system = system_of(model, params, state, rows)
-        elastic = [jnp.zeros(each.bias.shape, each.bias.dtype) for each in system.rows[: -len(rows)]]
-        impulses = (*elastic, *[jnp.zeros_like(each.bias) for each in rows]) if route == "mprgp" else None
-        velocities, _, info = solve_system(system, route, state.velocities, impulses)
-        return jnp.vdot(weights, velocities), (velocities, info)
+        found = solved(method, system, state)
+        return jnp.vdot(weights, found.velocities), (found.velocities, found.info)
 
     return jax.jit(jax.value_and_grad(value, has_aux=True, allow_int=True))
 
@@ -32,7 +30,7 @@ def solver(model, route):
 def exact():
     """What MPRGP finds at a tolerance of 1e-12 in double precision, for each scene as single precision rounds it."""
     model, _, _ = free_beam(jnp.float64, 1e-12)
-    solve = solver(model, "mprgp")
+    solve = solver(model, Mprgp())
     found = []
     for seed in SEEDS:
         inputs, weights = scene_in(jnp.float32, seed)
@@ -64,7 +62,7 @@ def error(found, expected):
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 def test_twenty_scenes_give_the_row_solvers_answer_and_gradient(exact, dtype):
     model, _, _ = free_beam(dtype, TOLERANCE[dtype])
-    solve = solver(model, "condensed")
+    solve = solver(model, Condensed())
     bound = 10 * TOLERANCE[dtype]
     errors = []
     for seed, ((_, (velocities, _)), gradient) in zip(SEEDS, exact, strict=True):
@@ -83,9 +81,8 @@ def test_twenty_scenes_give_the_row_solvers_answer_and_gradient(exact, dtype):
 def solve_rows(model, params, state, rows, bias=0.0):
     """Velocities, the extra rows' impulses and info of one step."""
     moved = tuple(each.replace(bias=each.bias + bias) for each in rows)
-    system = system_of(model, params, state, moved)
-    zeros = tuple(jnp.zeros_like(each.bias) for each in rows)
-    return solve_system(system, "condensed", state.velocities, zeros)
+    found = solved(Condensed(), system_of(model, params, state, moved), state)
+    return found.velocities, tuple(found.impulses.values()), found.info
 
 
 @pytest.mark.slow
@@ -126,12 +123,8 @@ def test_a_row_that_touches_without_force_is_counted():
     model, params, state = free_beam(tolerance=1e-11)
     push, *_ = random_scene(2, model, params, state)[2]
     system = system_of(model, params, state, ())
-    velocities, _, _ = solve_system(system, "condensed", state.velocities, None)
-    touching = push.replace(bias=(push.apply(velocities) - 1.0).at[4].add(1.0))
+    free = solved(Condensed(), system, state).velocities
+    touching = push.replace(bias=(push.apply(free) - 1.0).at[4].add(1.0))
     bounded = system_of(model, params, state, (touching,))
-    zeros = (jnp.zeros_like(bounded.rows[0].bias), jnp.zeros_like(push.bias))
-    counts = [
-        solve_system(bounded, route, state.velocities, start)[2].weakly_active
-        for route, start in (("condensed", zeros[1:]), ("mprgp", zeros))
-    ]
+    counts = [solved(method, bounded, state).info.weakly_active for method in (Condensed(), Mprgp())]
     assert counts == [1, 1]

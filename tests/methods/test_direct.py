@@ -15,8 +15,8 @@ DT = 1e-2
 @pytest.mark.slow
 def test_limits_motors_ropes_and_contacts_end_as_with_the_other_solvers():
     model, direct, info = STANDARD["doll"].run("auto")
-    assert model.solver == "direct" and info.iterations.max() < 30
-    angles = direct.impulses[sorted(model.joints).index("angle limit rigid-rigid")]
+    assert model.method.name == "direct" and info.iterations.max() < 30
+    angles = jf.impulses(model, direct)["joint angle limit rigid-rigid"]
     assert (jnp.abs(angles).max((0, 2)) > 0).all()  # both limits were reached
     for solver in ("mprgp", "pgs"):
         _, other, _ = STANDARD["doll"].run(solver)
@@ -35,7 +35,7 @@ def test_derivatives_through_a_limit_and_every_lane_of_a_batch():
         start = state.rigid.replace(angular_velocities=speed * state.rigid.angular_velocities)
         values = params.replace(rigid=params.rigid.replace(mass=params.rigid.mass.at[1].multiply(mass)))
         states, _ = jf.rollout(model, values, state.replace(rigid=start), DT, 4)
-        limits = states.impulses[sorted(model.joints).index("angle limit rigid-rigid")]
+        limits = jf.impulses(model, states)["joint angle limit rigid-rigid"]
         return states.rigid.positions[-1, 1, 2] + states.rigid.velocities[-1, 1, 0], jnp.abs(limits).max()
 
     assert end(1.0, 1.0)[1] > 0
@@ -50,12 +50,13 @@ def test_four_equal_joints_share_the_load_and_its_derivative(dtype):
     body = jf.RigidBody(jf.Sphere(0.1), mass=2.0, position=(0, 0, -0.5))
     scene = jf.Scene([body], joints=[jf.BallJoint(body, None, (0, 0, 0)) for _ in range(4)])
     model, params, state = jf.build(scene, dtype=dtype)
-    assert model.solver == "direct"
+    assert model.method.name == "direct"
 
     def load(mass):
         values = params.replace(rigid=params.rigid.replace(mass=mass * params.rigid.mass))
         following, info = jf.step(model, values, state, DT)
-        return following.impulses[0][:, 2], info.status
+        (impulses,) = jf.impulses(model, following).values()
+        return impulses[:, 2], info.status
 
     (found, status), (slope, _) = jax.jvp(load, (jnp.ones((), dtype),), (jnp.ones((), dtype),))
     assert status == 0

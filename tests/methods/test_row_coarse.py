@@ -78,7 +78,7 @@ def test_a_pile_of_stiff_blocks_takes_few_iterations():
     ground = jf.Contact(blocks[0], jf.Plane())
     scene = jf.Scene(blocks, contacts=[ground, *(jf.Contact(b, a) for a, b in itertools.pairwise(blocks))])
     model, params, state = jf.build(scene, tolerance=1e-6)
-    assert model.solver == "condensed"
+    assert model.method.name == "condensed"
     _, info = jf.rollout(model, params, state, 1 / 60, 10)
     assert not info.status.any()
     assert int(jnp.median(info.iterations)) < 300

@@ -11,7 +11,7 @@ from jaxfem.energies import total_elastic_energy
 from jaxfem.methods.nodes.assembly import assemble_tangent
 from jaxfem.methods.nodes.condensed import condensed_matrix
 from jaxfem.methods.nodes.preconditioner import inverse_blocks
-from jaxfem.model import elementwise, nodal_mass
+from jaxfem.model import domain_materials, nodal_mass
 from jaxfem.system.soft import momentum_gradient, step_system
 from jaxfem.tensors import array_of
 
@@ -76,9 +76,8 @@ def hessian_of_energy(model, params, positions, v):
 @jax.jit
 def tangent(model, params, positions):
     rotations = [array_of(domain_strain(each, positions)[1]) for each in model.domains]
-    material = elementwise(model, params.young), elementwise(model, params.poisson)
-    zero = jnp.zeros(model.nodes)
-    return assemble_tangent(model.domains, positions, rotations, *material, zero, model.free, model.pattern)
+    materials, zero = domain_materials(model, params), jnp.zeros(model.nodes)
+    return assemble_tangent(model.domains, positions, rotations, materials, zero, model.free, model.pattern)
 
 
 def system_of(model, params, state, dt=1e-2):
@@ -89,7 +88,7 @@ def system_of(model, params, state, dt=1e-2):
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_apply_and_transpose_are_adjoint(dtype, strain):
     system = system_of(*deformed(dtype, strain=strain))
-    for rows in system.rows:
+    for rows in system.elastic:
         v = jnp.asarray(RNG.standard_normal(system.target.shape), dtype)
         lam = jnp.asarray(RNG.standard_normal(rows.bias.shape), dtype)
         rates, forces = both_ways(rows, v, lam)
@@ -103,7 +102,7 @@ def test_apply_and_transpose_are_adjoint(dtype, strain):
 def test_diagonal_is_that_of_the_operator(strain):
     system = system_of(*deformed(cells=(2, 1, 1), strain=strain))
     inverse_mass = system.free / system.mass
-    for rows in system.rows:
+    for rows in system.elastic:
         found, exact = diagonals(rows, inverse_mass)
         np.testing.assert_allclose(found, exact, rtol=1e-12)
 

@@ -1,0 +1,1 @@
+"""Methods that solve for the impulses of all rows."""

@@ -14,16 +14,18 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.allrows.factor import row_preconditioner
+from jaxfem.methods.allrows.operator import RowOperator, pushed
+from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.pytrees import Pytree
+from jaxfem.rows.bounds import Bounds, Impulses, named, placed, sides_of
 from jaxfem.solvers import trees
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.mprgp import mprgp_loop
 from jaxfem.solvers.status import SolveInfo, Status
-from jaxfem.system.coupled import apply_inverse_mass, apply_mass, inverse_mass
-from jaxfem.system.soft import System
+from jaxfem.system.coupled import apply_inverse_mass, apply_mass
+from jaxfem.system.soft import System, inverse_mass
 
 Array = jax.Array
-Impulses = tuple[Array, ...]
 
 ROUNDS = 20
 REFINEMENTS = 30
@@ -49,9 +51,10 @@ class _Round(Pytree):
 
 
 def search_by_elimination(
-    system: System, guess: Impulses, operator: Any, right: Impulses, diagonal: Impulses, bounds: tuple
+    system: System, order: RowOrder, guess: Impulses, operator: RowOperator, bounds: Bounds
 ) -> tuple[Impulses, Array, SolveInfo]:
     """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A."""
+    right, diagonal, inverse = operator.right, operator.diagonal, operator.inverse
     root = jax.tree.map(jnp.sqrt, diagonal)
     scale = trees.norm(jax.tree.map(jnp.divide, right, root))
     # What a step cannot do better than: the rounding of velocities as large as those in it.
@@ -59,16 +62,15 @@ def search_by_elimination(
     floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
     wanted = jnp.maximum(system.tolerance * scale, floor)
     slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
-    inverse = inverse_mass(system)
-    bounded = any(low is not None for low in bounds[0])
+    bounded = any(low is not None for low in bounds[0].values())
 
     def at(impulses: Impulses) -> _Found:
         return _measured(system, impulses, system.target + apply_inverse_mass(inverse, pushed(system, impulses)))
 
     def trip(last: _Round) -> _Round:
-        start = _held(last.found.impulses, last.sides, bounds)
+        start = placed(bounds, last.sides, last.found.impulses)
         limit = jnp.minimum(REFINEMENTS, system.max_iterations) if bounded else system.max_iterations
-        found, size, products = _refined(system, at(start), last.sides, diagonal, wanted, limit)
+        found, size, products = _refined(system, order, at(start), last.sides, diagonal, wanted, limit)
         sides = _judged(found, diagonal, last.sides, slack, bounds)
         pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
         changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
@@ -77,7 +79,7 @@ def search_by_elimination(
 
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, right)
-    first = _Round(nothing, sides_of(guess, bounds), scale, jnp.bool_(True), zero, zero)
+    first = _Round(nothing, sides_of(bounds, guess), scale, jnp.bool_(True), zero, zero)
     end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first) if bounded else trip(first)
     impulses = _clipped(end.found.impulses, bounds)
     change = trees.minus(impulses, end.found.impulses)
@@ -89,7 +91,7 @@ def search_by_elimination(
 
     def go_on() -> tuple[Impulses, Array, SolveInfo]:
         further, after = mprgp_loop(
-            operator,
+            operator.apply,
             right,
             *bounds,
             x0=jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses),
@@ -114,38 +116,25 @@ def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: tuple, wanted
     return box.weak(trees.times(root, impulses), gradient, 10 * wanted)
 
 
-def sides_of(found: Impulses, bounds: tuple) -> Impulses:
-    """The side of its bounds that each impulse is at or beyond: -1, 1; 0 between, and without bounds."""
-
-    def side(lam: Array, low: Any, up: Any) -> Array:
-        return jnp.zeros_like(lam) if low is None else _side(lam, low, up, 0.0)
-
-    return tuple(side(*each) for each in zip(found, *bounds, strict=True))
-
-
-def pushed(system: System, impulses: Impulses) -> Array:
-    """J' lam of all rows, (n, 3)."""
-    parts = (rows.apply_transpose(lam) for rows, lam in zip(system.rows, impulses, strict=True))
-    return sum(parts, start=jnp.zeros_like(system.target))
-
-
 def _measured(system: System, impulses: Impulses, velocities: Array) -> _Found:
-    pairs = zip(system.rows, impulses, strict=True)
-    residual = tuple(rows.bias - rows.apply(velocities) - rows.compliance * lam for rows, lam in pairs)
+    rows = system.rows
+    residual = named(
+        rows, (each.bias - each.apply(velocities) - each.compliance * impulses[n] for n, each in rows.items())
+    )
     return _Found(impulses, velocities, residual)
 
 
 def _refined(
-    system: System, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array, limit: Array
+    system: System, order: RowOrder, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array, limit: Array
 ) -> tuple[_Found, Array, Array]:
     """A lam = b on the rows between their bounds: what is found, the residual's size there, and how many products.
 
     Conjugate gradients with residuals measured anew and the directions' own product (Golub & Ye 1999), preconditioned
     by the factor: one trip where that is exact.
     """
-    free = jax.tree.map(lambda side: (side == 0).astype(side.dtype), sides)
+    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, diagonal)
     scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
-    precondition, inverse = row_preconditioner(system, diagonal, free), inverse_mass(system)
+    precondition, inverse = row_preconditioner(system, order, diagonal, free), inverse_mass(system)
 
     def running(carry: Any) -> Array:
         _, residual, _, _, trips = carry
@@ -160,7 +149,7 @@ def _refined(
         change = trees.times(scale, direction)
         push = pushed(system, change)
         moved = apply_inverse_mass(inverse, push)
-        soft = sum(jnp.sum(rows.compliance * lam**2) for rows, lam in zip(system.rows, change, strict=True))
+        soft = sum(jnp.sum(rows.compliance * change[name] ** 2) for name, rows in system.rows.items())
         curvature = jnp.sum(push * moved) + soft
         alpha = jnp.where(curvature > 0, trees.dot(residual, direction) / jnp.where(curvature > 0, curvature, 1), 0)
         here = _measured(system, trees.plus(found.impulses, alpha, change), found.velocities + alpha * moved)
@@ -173,34 +162,30 @@ def _refined(
     return found, trees.norm(residual), trips
 
 
-def _held(impulses: Impulses, sides: Impulses, bounds: tuple) -> Impulses:
-    """Impulses with those at a bound put on it."""
+def _clipped(impulses: Impulses, bounds: Bounds) -> Impulses:
+    def clipped(name: str) -> Array:
+        low, up = bounds[0][name], bounds[1][name]
+        return impulses[name] if low is None or up is None else jnp.clip(impulses[name], low, up)
 
-    def value(lam: Array, side: Array, low: Any, up: Any) -> Array:
-        return lam if low is None else jnp.where(side < 0, low, jnp.where(side > 0, up, lam))
-
-    return tuple(value(*each) for each in zip(impulses, sides, *bounds, strict=True))
-
-
-def _clipped(impulses: Impulses, bounds: tuple) -> Impulses:
-    return tuple(lam if low is None else jnp.clip(lam, low, up) for lam, low, up in zip(impulses, *bounds, strict=True))
+    return named(impulses, map(clipped, impulses))
 
 
 def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
     outside = jnp.where(lam <= low - slack, -1, jnp.where(lam >= up + slack, 1, 0))
-    return jnp.where(low >= up, -1, outside).astype(lam.dtype)
+    return jnp.where(low >= up, -1, outside).astype(jnp.int32)
 
 
-def _judged(found: _Found, diagonal: Impulses, sides: Impulses, slack: Impulses, bounds: tuple) -> Impulses:
+def _judged(found: _Found, diagonal: Impulses, sides: Impulses, slack: Impulses, bounds: Bounds) -> Impulses:
     """Sides for the next round: where the impulse found, or a step along the residual of the rows held, leads outside.
 
     A held row stays unless its residual points inwards by more than the slack.
     """
 
-    def one(lam, residual, d, side, s, low, up):
-        if low is None:
+    def judged(name: str) -> Array:
+        lam, side, low, up, s = found.impulses[name], sides[name], bounds[0][name], bounds[1][name], slack[name]
+        if low is None or up is None:
             return side
-        return jnp.where(side == 0, _side(lam, low, up, s), _side(lam + residual / d, low, up, -s))
+        stepped = lam + found.residual[name] / diagonal[name]
+        return jnp.where(side == 0, _side(lam, low, up, s), _side(stepped, low, up, -s))
 
-    each = zip(found.impulses, found.residual, diagonal, sides, slack, *bounds, strict=True)
-    return tuple(one(*arguments) for arguments in each)
+    return named(sides, map(judged, sides))

@@ -1,4 +1,4 @@
-"""The matrix A = J M^-1 J' + C of all rows, assembled in small blocks and factorised; see `row_order.py` for the order.
+"""The matrix A = J M^-1 J' + C of all rows, assembled in small blocks and factorised; see `order.py` for the order.
 
 In variables scaled so that A has a unit diagonal. Rows out of play (at a bound) leave the matrix: theirs becomes that
 of the identity, and the order stays as it is.
@@ -12,23 +12,23 @@ import numpy as np
 
 from jaxfem.methods.allrows.order import RowOrder, row_order
 from jaxfem.rigid.dynamics import RigidSet
+from jaxfem.rows.bounds import Impulses, named
 from jaxfem.solvers.elimination import factorise, product, solve_factored
-from jaxfem.system.coupled import inverse_mass
-from jaxfem.system.soft import System, extra_rows
+from jaxfem.system.soft import System, inverse_mass
 
 Array = jax.Array
-Impulses = tuple[Array, ...]
 
 
-def row_preconditioner(system: System, diagonal: Impulses, free: Impulses) -> Callable[[Impulses], Impulses]:
+def row_preconditioner(
+    system: System, order: RowOrder, diagonal: Impulses, free: Impulses
+) -> Callable[[Impulses], Impulses]:
     """r -> A_FF^-1 r on the rows of `free` (1 or 0), in scaled variables (D^-1/2 A D^-1/2); the others pass unchanged.
 
     `diagonal`: of A. The identity where the factorisation fails in rounding.
     """
-    order = system.elimination
     scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
-    own = [rows.compliance * s**2 + (1 - f) for rows, s, f in zip(system.rows, scale, free, strict=True)]
-    blocks = _blocks(order, system, scale, _packed(order, tuple(own), 1.0))
+    own = named(free, (rows.compliance * scale[n] ** 2 + (1 - free[n]) for n, rows in system.extra.items()))
+    blocks = _blocks(order, system, scale, _packed(order, own, 1.0))
     factor = factorise(order.elimination, *blocks)
     sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(factor)]).all()
 
@@ -44,7 +44,7 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
     """Diagonal blocks (N, s, s) and those of the coupled pairs (P, s, s); `own` (N, s) is added to the diagonal."""
     count, size, width, repeats = order.parts.shape
     jacobian = jnp.concatenate(
-        [(rows.jacobian * s[:, :, None]).reshape(-1, 3) for rows, s in zip(extra_rows(system), scale, strict=True)]
+        [(rows.jacobian * scale[name][:, :, None]).reshape(-1, 3) for name, rows in system.extra.items()]
     )
     jacobian = jnp.concatenate([jacobian, jnp.zeros((1, 3), jacobian.dtype)])
     entries = sum(jacobian[order.parts[..., q]] for q in range(repeats))  # (N, s, t, 3)
@@ -74,21 +74,24 @@ def _inverse_mass_blocks(system: System) -> Array:
 
 def _packed(order: RowOrder, values: Impulses, padding: float) -> Array:
     """Values of all rows as (N, s)."""
-    flat = jnp.concatenate([value.reshape(-1) for value in values])
+    flat = jnp.concatenate([value.reshape(-1) for value in values.values()])
     return jnp.append(flat, padding)[order.rows]
 
 
 def _unpacked(order: RowOrder, packed: Array, like: Impulses) -> Impulses:
     flat, parts, at = packed.reshape(-1)[order.places], [], 0
-    for value in like:
+    for value in like.values():
         parts.append(flat[at : at + value.size].reshape(value.shape))
         at += value.size
-    return tuple(parts)
+    return named(like, parts)
 
 
-def elimination_of(triples: Sequence[np.ndarray], impulses: Impulses, rigid: RigidSet) -> RowOrder | None:
-    """The order for rows of rigid bodies alone, kind by kind; None where there are none, or it would be too dear."""
+def elimination_of(triples: Sequence[np.ndarray], heights: Sequence[int], rigid: RigidSet) -> RowOrder | None:
+    """The order for rows of rigid bodies alone, kind by kind; None where there are none, or it would be too dear.
+
+    `triples` (m, k) that each kind of rows acts on, and the rows a block, `heights`.
+    """
     if not triples:
         return None
     body_of = np.where(np.tile(np.asarray(rigid.free) > 0, 2), np.arange(2 * rigid.count) % rigid.count, -1)
-    return row_order(triples, [each.shape[1] for each in impulses], body_of)
+    return row_order(triples, heights, body_of)

@@ -1,0 +1,1 @@
+"""The method that eliminates elastic rows onto the nodes, and what it is made of."""

@@ -6,15 +6,13 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import Domains, domain_gradient, domain_stiffness
-from jaxfem.elements.mass import MassCoupling
+from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
+from jaxfem.elements.mass import SharedMass
+from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
-from jaxfem.model import Pattern
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.elastic import ElasticRows, turned_gradients
 from jaxfem.tensors import (
-    Matrix3,
-    Vector3,
     array_of,
     cross_matrix,
     guarded_inverse,
@@ -26,8 +24,6 @@ from jaxfem.tensors import (
 )
 
 Array = jax.Array
-
-_AXES = range(3)
 
 
 class BlockMatrix(Pytree):
@@ -72,7 +68,7 @@ def assemble(
 
 
 def assemble_rows(
-    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: MassCoupling | None = None
+    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: SharedMass | None = None
 ) -> BlockMatrix:
     """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `coupling` what M has beside it."""
     sums = _zero_sums(pattern, mass.dtype) if coupling is None else coupling.blocks(pattern.pair_count)
@@ -105,8 +101,7 @@ def assemble_tangent(
     domains: Sequence[Domains],
     positions: Array,
     rotations: Sequence[Array],
-    young: Array,
-    poisson: Array,
+    materials: Sequence[DomainMaterial],
     diagonal: Array,
     free: Array,
     pattern: Pattern,
@@ -115,7 +110,7 @@ def assemble_tangent(
     """Hessian of the corotated energy at `positions` (n, 3), with each kind's nearest rotations (3, 3, D).
 
     The exact one may be indefinite; otherwise rotations are held (stiffness warping), which is positive semi-definite.
-    `diagonal` (n,) is added; `young` and `poisson` are () or (E,).
+    `diagonal` (n,) is added; `materials`: one for each kind.
 
     From P = R (2 mu (S - I) + lambda tr(S - I) I), S = R'F, and R'dR = skew(B^-1 2 vex(R'dF)), B = tr(S) I - S:
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
@@ -123,8 +118,8 @@ def assemble_tangent(
     """
     sums = _zero_sums(pattern, positions.dtype)
     factors: list[Factor] = []
-    for number, (each, rotation) in enumerate(zip(domains, rotations, strict=True)):
-        lam, mu = _lame(each, young, poisson)
+    for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
+        lam, mu = _lame(each, material)
         turned = turned_gradients(each, rotation)
         spin = _spin(each, positions, rotation, lam, mu) if exact else None
         if each.clusters is not None:
@@ -136,9 +131,9 @@ def assemble_tangent(
     return assemble(sums, diagonal, free, pattern, factors)
 
 
-def _lame(domains: Domains, young: Array, poisson: Array) -> tuple[Array, Array]:
+def _lame(domains: Domains, material: DomainMaterial) -> tuple[Array, Array]:
     """lambda and mu of the domains' part of the strain, times their volumes, (D,) [J]."""
-    volumetric, deviatoric = (v * domains.row_volumes for v in domain_stiffness(domains, young, poisson))
+    volumetric, deviatoric = (v * domains.row_volumes for v in (material.volumetric, material.deviatoric))
     mu = deviatoric / 2
     if domains.volumetric:
         return volumetric / 3, jnp.zeros_like(mu)
@@ -162,14 +157,16 @@ def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, patt
     With `spin` W (3, 3, D): lam r_a r_b' + 2 mu (r_a . r_b) I + skew(r_a) W skew(r_b).
     """
 
-    def blocks(a: Vector3, b: Vector3, d: slice) -> Matrix3:
-        pull, shear = [lam[d] * x for x in b], [mu[d] * x for x in b]
-        dot = a[0] * shear[0] + a[1] * shear[1] + a[2] * shear[2]
+    def blocks(a: Array, b: Array, d: slice) -> Array:
+        shear = mu[d] * b
+        dot = jnp.sum(a * shear, axis=-2)[..., None, None, :] * identity
+        block = a[..., :, None, :] * (lam[d] * b)[..., None, :, :]
         if spin is None:
-            return [[a[i] * pull[j] + shear[i] * a[j] + (dot if i == j else 0) for j in _AXES] for i in _AXES]
-        turn = product(cross_matrix(a), product(matrix_of(spin[:, :, d]), cross_matrix(b)))
-        return [[a[i] * pull[j] + turn[i][j] + (2 * dot if i == j else 0) for j in _AXES] for i in _AXES]
+            return block + shear[..., :, None, :] * a[..., None, :, :] + dot
+        turn = product(cross_matrix(jnp.moveaxis(a, -2, 0)), product(matrix_of(spin[:, :, d]), cross_matrix(b)))
+        return block + 2 * dot + jnp.moveaxis(array_of(turn), (0, 1), (-3, -2))
 
+    identity = jnp.eye(3, dtype=turned.dtype)[:, :, None]
     return _pair_sums(turned, blocks, pattern, number)
 
 
@@ -177,17 +174,16 @@ def _zero_sums(pattern: Pattern, dtype: Any) -> Array:
     return jnp.zeros((pattern.pair_count, 3, 3), dtype)
 
 
-def _pair_sums(
-    turned: Array, blocks: Callable[[Vector3, Vector3, slice], Matrix3], pattern: Pattern, number: int
-) -> Array:
-    """Sums over the domains of blocks(r_a, r_b, domains), components (a, D), for all pairs of nodes: (P, 3, 3).
+def _pair_sums(turned: Array, blocks: Callable[[Array, Array, slice], Array], pattern: Pattern, number: int) -> Array:
+    """Sums over the domains of blocks(r_a, r_b, domains), for all pairs of nodes: (P, 3, 3).
 
-    One scatter for each second node b, over those domains that have one: no work is spent on padding.
+    One scatter for each second node b, over those domains that have one: no work is spent on padding. `blocks` is given
+    r_a (b, 3, D) of all nodes before it and r_b (3, D) and returns (b, 3, 3, D): whole arrays, for entry by entry each
+    is a program to compile.
     """
     total = jnp.zeros((pattern.pair_count, 9), turned.dtype)
     for b, slots in enumerate(pattern.pairs[number], start=1):
         count = slots.shape[1]
-        first, second = ([turned[of, i, :count] for i in _AXES] for of in (slice(0, b), b))
-        block = blocks(first, second, slice(0, count))
-        total = total.at[slots].add(jnp.stack([part for row in block for part in row], -1))
+        block = blocks(turned[:b, :, :count], turned[b, :, :count], slice(0, count))
+        total = total.at[slots].add(jnp.swapaxes(block.reshape(b, 9, count), 1, 2))
     return total.reshape(-1, 3, 3)

@@ -12,8 +12,8 @@ A Schur complement on these rows would take one more solve a row and step, 14 it
 elements; this way the cube on the ground, with up to 363 such rows, takes 16 in all (benchmarks/soft_cube.py).
 """
 
+from collections import OrderedDict
 from collections.abc import Callable
-from functools import partial
 from typing import Any
 
 import jax
@@ -25,17 +25,25 @@ from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix, inverse_blocks
 from jaxfem.methods.nodes.row_coarse import coarse_space
 from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
+from jaxfem.rows.bounds import (
+    Bounds,
+    Impulses,
+    friction_radii,
+    named,
+    placed_at_bounds,
+    row_bounds,
+    sides_of,
+)
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.implicit import or_nan, unless_zero
 from jaxfem.solvers.semismooth import SHARPEST, RowTerms, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
-from jaxfem.system.friction import extra_bounds, placed_at_bounds, sides_of
-from jaxfem.system.soft import System, elastic_part, extra_rows, inverse_mass, merged, momentum_gradient
+from jaxfem.system.soft import System, inverse_mass, merged, momentum_gradient
 
 Array = jax.Array
-Pair = tuple[Array, tuple[Array, ...]]
+Pair = tuple[Array, Impulses]
 
 SHARPEST_TIED = 0.1
 """The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
@@ -47,69 +55,85 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
     Which rows are at a bound is read off the impulses.
     """
     velocities, impulses = merged(system, unknown[0]), unknown[1]
-    sides = sides_of(extra_bounds(system, impulses), impulses)
-    placed = placed_at_bounds(system, sides, impulses)
+    sides = sides_of(_bounds(system, impulses), impulses)
+    on_bound = placed_at_bounds(system.extra, system.friction, sides, impulses)
     pushed = jnp.zeros_like(velocities)
-    residuals = []
-    for rows, side, lam, own in zip(extra_rows(system), sides, impulses, placed, strict=True):
+    residuals = OrderedDict()
+    for name, rows in system.extra.items():
+        lam, own = impulses[name], on_bound[name]
         pushed = pushed + rows.apply_transpose(own)
-        residuals.append(jnp.where(side != 0, lam - own, rows.bias - rows.apply(velocities) - rows.compliance * lam))
-    momentum = momentum_gradient(elastic_part(system), unknown[0])
-    return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), tuple(residuals)
+        between = rows.bias - rows.apply(velocities) - rows.compliance * lam
+        residuals[name] = jnp.where(sides[name] != 0, lam - own, between)
+    momentum = momentum_gradient(system, unknown[0])
+    return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), residuals
+
+
+def _bounds(system: System, impulses: Impulses) -> Bounds:
+    """Bounds of the extra rows at their `impulses`."""
+    return row_bounds(system.extra, friction_radii(system.friction, impulses))
 
 
 @lanes_in_turn
-def solve_bounded(system: System, guess: Pair) -> tuple[Pair, SolveInfo]:
+def solve_bounded(system: System, coarse: Array, guess: Pair) -> tuple[Pair, SolveInfo]:
     """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info."""
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
-    extra = extra_rows(system)
+    names, extra = tuple(system.extra), tuple(system.extra.values())
+
+    def follow(impulses: tuple[Array, ...]) -> tuple:
+        low, up = _bounds(system, named(names, impulses))
+        return tuple(low.values()), tuple(up.values())
+
+    first = tuple(guess[1].values())
     terms = _terms(
         extra,
         slack=tuple(rows.bias - rows.apply(velocities) for rows in extra),
-        start=guess[1],
-        bounds=extra_bounds(system, guess[1]),
+        start=first,
+        bounds=follow(first),
     )
-    gradient = momentum_gradient(elastic_part(system), start)
-    follow = partial(extra_bounds, system) if system.friction else None
-    step, impulses, info = _minimizer(system)(gradient, terms, system.tolerance, system.floor, follow)
-    end = start + step * free
+    gradient = momentum_gradient(system, start)
+    minimize = _minimizer(system, coarse)
+    step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow if system.friction else None)
+    end, impulses = start + step * free, named(names, found)
     weak = weakly_active(system, merged(system, end), impulses)
     return (end, impulses), info.replace(weakly_active=weak)
 
 
-def pair_tangent(system: System, unknown: Pair) -> Callable[[Pair, Any], tuple[Pair, SolveInfo]]:
+def pair_tangent(system: System, coarse: Array, unknown: Pair) -> Callable[[Pair, Any], tuple[Pair, SolveInfo]]:
     """(right, tolerance) -> the solution with the derivative of `pair_gradient` at `unknown`, and info.
 
     Rows at a bound are held there, friction's at bounds that do not move: that derivative is symmetric.
     """
-    extra = extra_rows(system)
-    held = tuple(side != 0 for side in sides_of(extra_bounds(system, unknown[1]), unknown[1]))
+    names, extra = tuple(system.extra), tuple(system.extra.values())
+    sides = sides_of(_bounds(system, unknown[1]), unknown[1])
+    held = tuple(side != 0 for side in sides.values())
     active = tuple(~mask for mask in held)
-    minimize, none = _minimizer(system), ((None,) * len(extra),) * 2
+    minimize, none = _minimizer(system, coarse), ((None,) * len(extra),) * 2
 
     def solve(right: Pair, tolerance: Any) -> tuple[Pair, SolveInfo]:
-        slack = tuple(jnp.where(on, -r, 0) for on, r in zip(active, right[1], strict=True))
+        wanted = tuple(right[1].values())
+        slack = tuple(jnp.where(on, -r, 0) for on, r in zip(active, wanted, strict=True))
         terms = _terms(extra, slack, tuple(jnp.zeros_like(r) for r in slack), none, active)
         velocities, impulses, info = minimize(-right[0], terms, tolerance, 0.0, None)
-        return (velocities, tuple(map(jnp.where, held, right[1], impulses))), info
+        return (velocities, named(names, map(jnp.where, held, wanted, impulses))), info
 
     return solve
 
 
-def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) -> Pair:
+def solve_pair_tangent(system: System, coarse: Array, unknown: Pair, right: Pair, matvec: Any) -> Pair:
     """Solve matvec(y) = right, the derivative of `pair_gradient` at `unknown` or its transpose; NaN where that fails.
 
     Without friction that is the symmetric solve. With friction bounds that move, the symmetric solve P preconditions
     stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left.
     """
+    given = system, coarse, unknown
     if not system.friction:
-        return or_nan(*unless_zero(lambda s, r: pair_tangent(s[0], s[1])(r, s[0].tolerance), (system, unknown), right))
+        return or_nan(*unless_zero(lambda g, r: pair_tangent(*g)(r, g[0].tolerance), given, right))
 
     def solve(given: Any, right: Pair) -> tuple[Pair, SolveInfo]:
-        system, unknown = given
-        symmetric = pair_tangent(system, unknown)
+        system = given[0]
+        symmetric = pair_tangent(*given)
 
         def precondition(residual: Pair) -> Pair:
             return symmetric(residual, 0.1 * system.tolerance)[0]
@@ -118,27 +142,28 @@ def solve_pair_tangent(system: System, unknown: Pair, right: Pair, matvec: Any) 
         good = info.residual <= jnp.sqrt(system.tolerance)
         return found, info.replace(status=jnp.where(good, int(Status.CONVERGED), info.status))
 
-    return or_nan(*unless_zero(solve, (system, unknown), right))
+    return or_nan(*unless_zero(solve, given, right))
 
 
-def weakly_active(system: System, velocities: Array, impulses: tuple[Array, ...]) -> Array:
+def weakly_active(system: System, velocities: Array, impulses: Impulses) -> Array:
     """Number of extra rows at a bound with no force against it, to within the tolerance.
 
     The scale is energy: that of the unbound motion, and of what the rows ask of it.
     """
     scalar, blocks = inverse_mass(system)
-    extra, boxes = extra_rows(system), []
-    diagonals = [rows.diagonal(scalar, blocks) + rows.compliance for rows in extra]
+    boxes = []
+    diagonals = {name: rows.diagonal(scalar, blocks) + rows.compliance for name, rows in system.extra.items()}
     square = jnp.vdot(system.target, system.mass[:, None] * system.target)
-    for rows, diagonal in zip(extra, diagonals, strict=True):
-        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonal)
+    for name, rows in system.extra.items():
+        square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonals[name])
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
     threshold = 10 * tolerance * jnp.sqrt(square)
-    bounds = extra_bounds(system, impulses)
-    for rows, lam, lower, upper, diagonal in zip(extra, impulses, *bounds, diagonals, strict=True):
-        root = jnp.sqrt(diagonal)
+    lower, upper = _bounds(system, impulses)
+    for name, rows in system.extra.items():
+        lam, root = impulses[name], jnp.sqrt(diagonals[name])
         gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
-        boxes.append(make_box(lam, lower, upper).divided(1 / root).weak(lam * root, gap / root, threshold))
+        box = make_box(lam, lower[name], upper[name])
+        boxes.append(box.divided(1 / root).weak(lam * root, gap / root, threshold))
     return sum(boxes[1:], start=boxes[0])
 
 
@@ -147,15 +172,18 @@ def _terms(extra: Any, slack: Any, start: Any, bounds: Any, active: Any = None) 
     return RowTerms(slack, compliance, bounds[0], bounds[1], start, compliance, active or (None,) * len(extra))
 
 
-def _minimizer(system: System) -> Any:
+def _minimizer(system: System, coarse: Array) -> Any:
     """(gradient, terms, tolerance, absolute, follow) -> the semismooth solve, all in the user's order."""
     matrix, order = condensed_matrix(system), SolverOrder(system)
-    rows = tuple(order.placed(each) for each in extra_rows(system))
+    rows = tuple(order.placed(each) for each in system.extra.values())
     diagonal = jnp.concatenate([matrix.diagonal_blocks, order.rigid_blocks])
     inverse = inverse_blocks(diagonal)
     local = tuple(local_compliance(each, inverse) for each in rows)
     product = order.product(matrix)
-    precondition = (_preconditioner if few(rows) else _tied_preconditioner)(system, matrix, order, diagonal, rows)
+    if few(rows):
+        precondition = _preconditioner(system, coarse, order, diagonal, rows)
+    else:
+        precondition = _tied_preconditioner(system, matrix, order, diagonal, rows)
 
     def with_rows(stiffness: tuple[Array, ...]) -> Callable[[Array], Array]:
         return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
@@ -220,7 +248,7 @@ class SolverOrder:
 
 
 def _preconditioner(
-    system: System, matrix: BlockMatrix, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
+    system: System, coarse: Array, order: SolverOrder, diagonal: Array, rows: tuple[PointRows, ...]
 ) -> Any:
     """stiffness -> preconditioner: P = (D + J' k J)^-1 on the triples, and the coarse space seen through it.
 
@@ -228,7 +256,7 @@ def _preconditioner(
     the coarse modes what stiff rows forbid, so B, built once for all active sets, does not fight them. Volumetric rows
     shared by clusters are not in it: bodies near nu = 0.5 with extra rows take more iterations.
     """
-    coarse, split = coarse_correction(group_modes(system), system.coarse), order.pattern.order.shape[0]
+    correction, split = coarse_correction(group_modes(system), coarse), order.pattern.order.shape[0]
 
     def weighted(field: Array) -> Array:
         return jnp.einsum("nij,nj->ni", diagonal[:split], field)
@@ -238,7 +266,7 @@ def _preconditioner(
 
         def apply(residual: Array) -> Array:
             first = smooth(residual)
-            modes = weighted(coarse(weighted(first[:split])))
+            modes = weighted(correction(weighted(first[:split])))
             return first + smooth(jnp.concatenate([modes, jnp.zeros_like(first[split:])]))
 
         return apply

@@ -1,4 +1,4 @@
-"""Condensed route: rows eliminated onto the nodes, preconditioned conjugate gradients on the increment of velocity."""
+"""Rows eliminated onto the nodes: preconditioned conjugate gradients on the increment of velocity."""
 
 from typing import Any
 
@@ -10,26 +10,27 @@ from jaxfem.methods.nodes.assembly import BlockMatrix, assemble_rows
 from jaxfem.methods.nodes.preconditioner import coarse_inverse, rigid_modes, two_level
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
-from jaxfem.system.soft import System, elastic_part, momentum_gradient
+from jaxfem.system.soft import System, momentum_gradient
 
 Array = jax.Array
 
 
 def condensed_matrix(system: System) -> BlockMatrix:
     """M + J' C^-1 J of the step's nodes in solver order, fixed nodes decoupled."""
-    rows, nodes = elastic_part(system).rows, system.positions.shape[0]
-    return assemble_rows(rows, system.mass[:nodes], system.free[:nodes], system.pattern, system.coupling)  # type: ignore[arg-type]
+    nodes = system.positions.shape[0]
+    mass, free = system.mass[:nodes], system.free[:nodes]
+    return assemble_rows(system.elastic, mass, free, system.pattern, system.shared_mass)
 
 
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
-    rotations = [rows.rotation for rows in elastic_part(system).rows if not rows.domains.volumetric]  # type: ignore[attr-defined]
+    rotations = [rows.rotation for rows in system.elastic if not rows.domains.volumetric]
     free = system.free[: system.positions.shape[0]]
     return rigid_modes(system.pattern, system.positions, free, jnp.concatenate(rotations, axis=-1))
 
 
 def coarse_of(system: System) -> Array:
-    """The coarse inverse that `solve_linear` uses, built for this step's shape and numbers."""
+    """The coarse inverse that `solve_linear` takes, built for this step's shape and numbers."""
     return jax.lax.stop_gradient(_coarse_inverse(jax.lax.stop_gradient(system)))
 
 
@@ -39,13 +40,16 @@ def _coarse_inverse(system: System) -> Array:
 
 
 @lanes_in_turn
-def solve_linear(system: System, right: Array, absolute: Any = 0.0) -> tuple[Array, SolveInfo]:
-    """Solve the condensed system for `right` (n, 3) by two-level conjugate gradients: (solution, info)."""
+def solve_linear(system: System, coarse: Array, right: Array, absolute: Any = 0.0) -> tuple[Array, SolveInfo]:
+    """Solve the condensed system for `right` (n, 3) by two-level conjugate gradients: (solution, info).
+
+    `coarse`: the preconditioner's coarse inverse, built at this or at an earlier shape (see `coarse_of`).
+    """
     matrix, pattern = condensed_matrix(system), system.pattern
     solution, info = pcg(
         matrix.apply,
         pattern.gathered(right),
-        two_level(matrix, group_modes(system), system.coarse),
+        two_level(matrix, group_modes(system), coarse),
         tol=system.tolerance,
         max_iterations=system.max_iterations,
         absolute=absolute,
@@ -54,13 +58,13 @@ def solve_linear(system: System, right: Array, absolute: Any = 0.0) -> tuple[Arr
 
 
 @lanes_in_turn
-def solve_condensed(system: System, guess: Array) -> tuple[Array, tuple[SolveInfo, None]]:
-    """End-of-step velocities of the free nodes (n, 3) from a guess, and info; impulses are not formed (None).
+def solve_condensed(system: System, coarse: Array, guess: Array) -> tuple[Array, SolveInfo]:
+    """End-of-step velocities of the free nodes (n, 3) from a guess, and info; no impulses are formed.
 
     The residual is formed element by element at the guess, so rigid motion cancels there and float32 keeps its digits;
     only the increment goes through the assembled matrix.
     """
     free = system.free[:, None]
     guess = guess * free
-    increment, info = solve_linear(system, -momentum_gradient(system, guess), system.floor)
-    return guess + increment * free, (info, None)
+    increment, info = solve_linear(system, coarse, -momentum_gradient(system, guess), system.floor)
+    return guess + increment * free, info

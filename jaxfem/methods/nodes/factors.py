@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import Clusters, Domains
-from jaxfem.model import Pattern
+from jaxfem.elements.pattern import Pattern
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.elastic import cluster_arms
 from jaxfem.tensors import taken

@@ -5,9 +5,9 @@ from collections.abc import Callable
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.stiff import with_clusters
-from jaxfem.model import Pattern
 from jaxfem.tensors import determinant, inverse_blocks, matrix_of
 
 Array = jax.Array

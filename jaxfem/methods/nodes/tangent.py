@@ -7,7 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.methods.nodes.assembly import BlockMatrix, assemble_tangent
 from jaxfem.methods.nodes.preconditioner import coarse_inverse, rigid_modes, two_level
-from jaxfem.model import Model, Params, elementwise
+from jaxfem.model import Model, Params, domain_materials
 
 Array = jax.Array
 
@@ -24,12 +24,10 @@ def tangent_and_preconditioner(
 
     `rotations` (3, 3, D) of each kind of domains; `diagonal` (n,) is added to both, `shift` (n,) to what is inverted.
     """
-    young, poisson = elementwise(model, params.young), elementwise(model, params.poisson)
+    materials = domain_materials(model, params)
 
     def matrix(exact: bool, extra: Array) -> BlockMatrix:
-        return assemble_tangent(
-            model.domains, positions, rotations, young, poisson, extra, model.free, model.pattern, exact
-        )
+        return assemble_tangent(model.domains, positions, rotations, materials, extra, model.free, model.pattern, exact)
 
     warped = matrix(False, diagonal if shift is None else diagonal + shift)
     turning = [r for r, each in zip(rotations, model.domains, strict=True) if not each.volumetric]

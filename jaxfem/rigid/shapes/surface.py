@@ -1,10 +1,47 @@
-"""Moments of the solid inside a closed triangulated surface; host side."""
+"""The solid inside a closed triangulated surface, and its moments; host side."""
 
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 
+from jaxfem.inputs import SURFACE_KEYS, Sources, TableLike
 from jaxfem.mesh import MeshError
+from jaxfem.rigid.shapes.base import MassProperties, Shape
+
+
+class TriangleMesh(Shape, word="file"):
+    """The solid inside a closed surface: `points` (n, 3) [m] and `triangles` (t, 3), turned outward.
+
+    It touches others with its vertices; others touch it only with what `distance` other shapes have. MeshError for a
+    surface that is open or not turned outward.
+    """
+
+    points: Any
+    triangles: Any
+
+    def mass_properties(self) -> MassProperties:
+        """Volume, centre, inertia per mass of the enclosed solid."""
+        return solid_moments(*checked_triangles(self.points, self.triangles))
+
+    def features(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its vertices."""
+        points = checked_triangles(self.points, self.triangles)[0]
+        return points, np.zeros(len(points))
+
+    @classmethod
+    def keys(cls) -> tuple[str, ...]:
+        """It comes from a file of its own, in metres once multiplied by `scale`."""
+        return SURFACE_KEYS
+
+    @classmethod
+    def example(cls) -> str:
+        """A table for messages."""
+        return "{ file = 'part.stl' }"
+
+    @classmethod
+    def read(cls, table: TableLike, sources: Sources) -> Self:
+        """The surface that the file holds."""
+        return cls(*sources.surface(table))
 
 
 def checked_triangles(points: Any, triangles: Any) -> tuple[np.ndarray, np.ndarray]:

@@ -3,7 +3,7 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.materials import moduli as material
-from jaxfem.materials.moduli import MaterialError
+from jaxfem.materials.constants import MaterialError
 
 
 def test_constants_agree_with_each_other():

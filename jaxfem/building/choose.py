@@ -1,0 +1,108 @@
+"""Which method solves a scene's steps: the one asked for, or for "auto" the first of a table that serves the scene."""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.declared import SceneError
+from jaxfem.methods import METHODS, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
+from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
+from jaxfem.model import Choice, Model, Params, State
+from jaxfem.system.coupled import coupled_system
+
+ROTATION_UPDATES = ("explicit", "implicit")
+
+
+class Built(NamedTuple):
+    """A scene as `build` has it when its method is chosen."""
+
+    facts: Facts
+    model: Model
+    params: Params
+    state: State
+
+
+class Rule(NamedTuple):
+    """A method that "auto" takes where `holds` says so, and why, in words."""
+
+    method: Method
+    holds: Callable[[Built], bool]
+    reason: str
+
+
+def _many_across(built: Built) -> bool:
+    """Whether more rows couple several triples than the nodes' preconditioner bears: dolls of many rigid bodies."""
+    if not built.facts.rigid:
+        return False
+    step, model = jnp.ones((), built.model.rest.dtype), built.model
+    system = jax.eval_shape(lambda: coupled_system(model, built.params, built.state, step))
+    across = sum(rows.bias.size for rows in system.extra.values() if rows.triples.shape[1] > 1)
+    return across > min(MOST_EXACT, 2 * model.nodes)
+
+
+AUTO = (
+    Rule(Condensed(), lambda b: b.facts.soft and not b.facts.coupled, "soft bodies alone are solved on their nodes"),
+    Rule(
+        Mprgp(),
+        lambda b: b.facts.soft and b.facts.tied and _many_across(b),
+        "so many rows tie rigid bodies to so few nodes that all rows are solved for",
+    ),
+    Rule(
+        Condensed(),
+        lambda b: b.facts.soft and b.facts.tied,
+        "soft bodies are solved on their nodes, joints and contacts beside them",
+    ),
+    Rule(Direct(), lambda b: not b.facts.soft, "the rows of rigid bodies alone are eliminated"),
+    Rule(Mprgp(), lambda b: True, "nothing cheaper serves this scene, so all rows are solved for"),
+)
+"""In this order; a rule whose method cannot make its plan is passed over."""
+
+
+def method_asked(solver: Any, rotation_update: str) -> Method | None:
+    """The method that `build` was asked for, None for "auto"; SceneError for what is not known."""
+    if isinstance(solver, str) and solver != "auto":
+        if solver not in METHODS:
+            raise SceneError(f"solver is {solver!r}; known: {', '.join(('auto', *METHODS))}")
+        solver = METHODS[solver]()
+    if solver == "auto":
+        return None
+    if not isinstance(solver, Method):
+        raise SceneError(f"solver is {solver!r}; give a name ({', '.join(('auto', *METHODS))}) or a Method object")
+    return _turning(solver, rotation_update)
+
+
+def with_method(built: Built, asked: Method | None, rotation_update: str) -> tuple[Model, State]:
+    """The model and state with the method that was asked for, or that "auto" takes. SceneError says why one cannot."""
+    if asked is not None:
+        why = asked.refuses(built.facts)
+        if why is None:
+            try:
+                return _planned(built, asked, Choice(asked.name, "asked for"))
+            except ValueError as problem:
+                why = str(problem)
+        raise SceneError(f'solver "{asked.name}" {why}')
+    why = "no method serves this scene"
+    for rule in AUTO:
+        method = _turning(rule.method, rotation_update)
+        if not rule.holds(built):
+            continue
+        refused = method.refuses(built.facts)
+        if refused is None:
+            try:
+                return _planned(built, method, Choice("auto", rule.reason))
+            except ValueError as problem:
+                refused = str(problem)
+        why = f'"{method.name}" {refused}'
+    raise SceneError(f'solver "auto": {why}')
+
+
+def _turning(method: Method, rotation_update: str) -> Method:
+    return ImplicitRotations(method) if rotation_update == "implicit" else method
+
+
+def _planned(built: Built, method: Method, choice: Choice) -> tuple[Model, State]:
+    plan = method.plan(built.model, built.params, built.state)
+    model = built.model.replace(method=method, choice=choice, plan=plan)
+    return model, built.state.replace(memory=method.start(model, built.params, built.state))

@@ -1,0 +1,133 @@
+"""The two sides of a declared contact, found and checked: what touches with which points, and how far off."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from jaxfem.building.bodies import BodyIndex
+from jaxfem.building.embedded import embedded
+from jaxfem.declared import Contact, SceneError
+from jaxfem.rigid.shapes import Shape
+from jaxfem.rows.attachments import RigidPoint, SoftPoint
+
+MARGIN = 0.05  # of a's size
+
+
+class Side(NamedTuple):
+    """A body that touches: "soft" or "rigid", its number among those, and a rigid one's shape."""
+
+    kind: str
+    number: int
+    shape: Shape | None
+
+    @property
+    def is_ball(self) -> bool:
+        """Whether it touches with a single ball, so that one point tells all."""
+        return self.shape is not None and len(self.shape.features()[0]) == 1
+
+
+class Touching(NamedTuple):
+    """Points (k) with which a body touches, and the radius (k,) [m] of the ball around each."""
+
+    points: Any
+    radius: np.ndarray
+
+
+class Meeting(NamedTuple):
+    """A contact's sides: `a` with its points, and a body `b` or else ground.
+
+    `chosen`: the user chose a's points; `margin` [m]; `where`: words for messages.
+    """
+
+    contact: Contact
+    bodies: BodyIndex
+    a: Side
+    points: Touching
+    b: Side | None
+    ground: Shape | None
+    margin: float
+    where: str
+
+    @property
+    def chosen(self) -> bool:
+        """Whether the user chose the points of a that touch."""
+        return self.contact.nodes is not None or self.contact.surface is not None
+
+    @property
+    def rough(self) -> bool:
+        """Whether there is friction."""
+        return float(self.contact.friction) > 0
+
+    def margins(self, points: Touching) -> np.ndarray:
+        """The margin, once a point."""
+        return np.full(len(points.radius), self.margin)
+
+    def points_of(self, side: Side) -> Touching:
+        """The points with which a body touches."""
+        return _points(self.contact, self.bodies, side, self.where)
+
+    def surface(self, side: Side) -> np.ndarray:
+        """Triangles (t, 3) of a soft body's surface, as nodes of the scene."""
+        triangles = self.bodies.soft[side.number].mesh.surface
+        return (triangles + self.bodies.offsets[side.number]).astype(np.int32)
+
+
+def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:
+    """The sides of a contact; SceneError for two that cannot touch."""
+    a = _side(index, contact.a, where)
+    if a.kind == "rigid" and (contact.nodes is not None or contact.surface is not None):
+        what = "a surface, which is embedded in" if contact.nodes is None else "nodes, which belong to"
+        raise SceneError(f"{where} names {what} a soft body: make that one `a`")
+    points = _points(contact, index, a, where)
+    margin = MARGIN * _size(index, a) if contact.margin is None else float(contact.margin)
+    ground = contact.b if isinstance(contact.b, Shape) else None
+    b = _side(index, contact.b, where) if ground is None else None
+    if b is not None:
+        _check(a, b, index, where)
+    return Meeting(contact, index, a, points, b, ground, margin, where)
+
+
+def _side(index: BodyIndex, body: Any, where: str) -> Side:
+    kind, number = index.find(body, where)
+    return Side(kind, number, index.rigid[number].shape if kind == "rigid" else None)
+
+
+def _check(a: Side, b: Side, index: BodyIndex, where: str) -> None:
+    if a == b:
+        raise SceneError(f"{where} names one body twice: a body does not touch itself here")
+    if b.shape is None:
+        if a.kind == "rigid":
+            raise SceneError(f"{where}: put the soft body first, Contact(soft, rigid)")
+        return
+    if not b.shape.is_obstacle() and (a.shape is None or not a.shape.is_obstacle()):
+        raise SceneError(
+            f'{where}: "{index.rigid[b.number].label}" is a {type(b.shape).__name__}, which others cannot touch with '
+            "points: it has no distance"
+        )
+
+
+def _points(contact: Contact, index: BodyIndex, side: Side, where: str) -> Touching:
+    if side.shape is None:
+        return _soft_points(contact, index, side.number, where)
+    places, radius = side.shape.features()
+    local = places - index.rigid[side.number].properties[1]
+    return Touching(RigidPoint(np.full(len(local), side.number, np.int32), local), radius)
+
+
+def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) -> Touching:
+    body = index.soft[number]
+    if contact.surface is not None:
+        cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
+        return Touching(SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells)))
+    chosen = body.mesh.surface_nodes if contact.nodes is None else body.nodes_of("nodes of a contact", contact.nodes)
+    if not len(chosen):
+        raise SceneError(f"{where} touches with no node: its selection of nodes is empty")
+    nodes = (np.asarray(chosen)[:, None] + index.offsets[number]).astype(np.int32)
+    return Touching(SoftPoint(nodes, np.ones(nodes.shape)), np.zeros(len(nodes)))
+
+
+def _size(index: BodyIndex, side: Side) -> float:
+    if side.shape is None:
+        return float(np.ptp(index.soft[side.number].mesh.points, axis=0).max())
+    places, radius = side.shape.features()
+    return float(np.ptp(places, axis=0).max() + 2 * radius.max())

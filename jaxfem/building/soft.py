@@ -1,0 +1,109 @@
+"""Soft bodies' materials in `build`: strain domains by law, constants of all bodies side by side, what is refused."""
+
+import dataclasses
+import warnings
+from collections.abc import Iterator, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.declared.scene import SceneError, SoftBody
+from jaxfem.elements.domains import Domains
+from jaxfem.elements.smoothing import STRAINS, build_domains
+from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.model import Params
+from jaxfem.schemes import Scheme
+
+
+class AccuracyWarning(UserWarning):
+    """The scene will run, but its discretisation is known to be biased there."""
+
+
+def check_body(body: SoftBody, name: str) -> None:
+    """Refuse lengths that are no metres; warn where elements lock."""
+    size = np.ptp(body.mesh.points, axis=0).max()
+    if not 1e-6 < size < 1e5:
+        raise SceneError(
+            f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
+        )
+    values: Any = {key: np.asarray(value, float) for key, value in body.made_of.values.items()}
+    poisson = float(np.max(ratio_and_modulus(*body.made_of.stiffness(values))[0]))
+    if body.strain == "element" and poisson > 0.45 + 1e-12:
+        warnings.warn(
+            f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
+            "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",
+            AccuracyWarning,
+            stacklevel=4,
+        )
+
+
+def check_laws(bodies: Sequence[SoftBody], names: Sequence[str], scheme: Scheme) -> None:
+    """Refuse constants of one name and two meanings, names that `Params` has for others, schemes without a memory."""
+    taken = {each.name for each in dataclasses.fields(Params)} | set(dir(Params)) | {DENSITY.name}
+    known: dict[str, Constant] = {}
+    for body, name in zip(bodies, names, strict=True):
+        law = body.made_of
+        for each in law.constants:
+            if each.name in taken or known.setdefault(each.name, each) != each:
+                other = "params" if each.name in taken else "another law of the scene"
+                raise SceneError(
+                    f'{type(law).__name__}, the material of "{name}", calls a constant {each.name!r}, which is '
+                    f"something else in {other}: give it another name"
+                )
+        if law.remembers and scheme.order > 1:
+            raise SceneError(
+                f'{type(law).__name__}, the material of "{name}", has a memory: it needs scheme = "backward_euler"'
+            )
+
+
+def body_domains(
+    bodies: Sequence[SoftBody],
+    cells: np.ndarray,
+    gradients: np.ndarray,
+    volumes: np.ndarray,
+    body: np.ndarray,
+    place: np.ndarray,
+    points: np.ndarray,
+    dtype: Any,
+) -> tuple[Domains, ...]:
+    """Where strain is taken: for each kind of domains and law that a body asks for, those of all bodies that do.
+
+    Arrays as in `build_domains`.
+    """
+    asked = [[(kind, part, each.made_of.law) for kind, part in STRAINS[each.strain]] for each in bodies]
+    made = []
+    for kind, part, law in dict.fromkeys(each for own in asked for each in own):
+        users = [number for number, own in enumerate(asked) if (kind, part, law) in own]
+        chosen = np.flatnonzero(np.isin(body, users))
+        made.append(build_domains(kind, part, law, chosen, cells, gradients, volumes, body, place, points, dtype))
+    return tuple(made)
+
+
+def body_constants(bodies: Sequence[SoftBody], dtype: Any) -> dict[str, Any]:
+    """`Params.constants` of the bodies."""
+    if not bodies:
+        return {DENSITY.name: jnp.zeros(0, dtype)}
+    declared = [{**body.made_of.values, DENSITY.name: body.density} for body in bodies]
+    counts = [len(body.mesh.cells) for body in bodies]
+    return {name: jnp.asarray(_spread(list(_filled(declared, name)), counts), dtype) for name in _names(declared)}
+
+
+def _names(declared: Sequence[dict[str, Any]]) -> dict[str, None]:
+    return dict.fromkeys(name for values in declared for name in values)
+
+
+def _filled(declared: Sequence[dict[str, Any]], name: str) -> Iterator[np.ndarray]:
+    """The bodies' values; the others' mean where a law has no such constant, so that it does not shift means."""
+    known = [np.asarray(values[name], float) for values in declared if name in values]
+    mean = np.mean([np.mean(value) for value in known])
+    for values in declared:
+        yield np.asarray(values.get(name, mean), float)
+
+
+def _spread(values: list[np.ndarray], counts: list[int]) -> np.ndarray:
+    """A scalar for one body, one number a body, or one an element where any body asks for that."""
+    if any(value.ndim for value in values):
+        return np.concatenate([np.broadcast_to(v, count) for v, count in zip(values, counts, strict=True)])
+    return values[0] if len(values) == 1 else np.stack(values)

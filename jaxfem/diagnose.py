@@ -1,0 +1,241 @@
+"""What went wrong in a step or a run, in words: which step, which body, which joint or contact, and what to do."""
+
+import dataclasses
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.solvers import Status, describe
+from jaxfem.stepping.step import StepError, typed
+from jaxfem.system.coupled import configuration
+
+OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than this has come open
+DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over some steps, so a little is usual
+
+
+class Finding(NamedTuple):
+    """One thing to look at: `kind` ("not finite", "inverted", "fastest", "open", "deep"), the declared `name` of the
+    body, joint or contact, the `amount` (nodes or bodies, elements, m/s, m or rad, m), a sentence, and what to do."""
+
+    kind: str
+    name: str
+    amount: float
+    text: str
+    advice: str = ""
+
+
+@dataclasses.dataclass(frozen=True)
+class Diagnosis:
+    """What `diagnose` found; `str()` of it is the report.
+
+    `ok`: every step converged and nothing looks wrong. `step`: the first that failed, counted from 1 along the leading
+    axis of info and state; None where none did. `status`: its status, or that of the worst. `findings`: what to look
+    at, the gravest first.
+    """
+
+    ok: bool
+    step: int | None
+    status: Status
+    findings: tuple[Finding, ...]
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diagnosis:
+    """Look at what `step` or `rollout` returned and say what is wrong and what to do; host side, not for inside jit.
+
+    `info` and `state` are those of one step, or both of a run, with a leading axis of its saved steps; a run's `info`
+    may also come with its last state alone. Bodies are looked at in the first bad state, joints and contacts in the
+    last one that is finite. StepError for a batch: look at one lane at a time.
+    """
+    status, states = _along_time(model, state, info)
+    params, *states = typed(model, params, *states)
+    finite = [all(np.isfinite(each).all() for each in _moving(one)) for one in states]
+    alone = len(states) == 1 and len(status) > 1
+    bad = [code != 0 or not (alone or finite[place]) for place, code in enumerate(status)]
+    if alone and not finite[0]:
+        bad[-1] = True
+    step = bad.index(True) if True in bad else None
+    shown = 0 if alone else len(states) - 1 if step is None else step
+    findings = list(_bodies(model, states[shown], step is not None))
+    sound = [one for one, good in zip(states[: shown + 1], finite, strict=False) if good]
+    rows = list(_rows(model, params, sound[-1])) if sound else []
+    findings += [each for each in rows if each.advice]
+    code = Status(int(status[step])) if step is not None else Status.CONVERGED
+    ok = step is None and not findings
+    if ok:
+        text = _all_well(info, len(status), rows)
+    else:
+        time = None if alone else float(np.asarray(states[shown].time))
+        text = "\n".join([_headline(step, status, bad, code, time), *_listed(findings, code)])
+    return Diagnosis(ok, None if step is None else step + 1, code, tuple(findings), text)
+
+
+def _along_time(model: Model, state: State, info: StepInfo) -> tuple[np.ndarray, list[State]]:
+    """Status of each step (T,), and the states: as many, or the last one alone."""
+    if not isinstance(model, Model) or not isinstance(state, State) or not isinstance(info, StepInfo):
+        given = ", ".join(type(each).__name__ for each in (model, state, info))
+        raise StepError(f"got ({given}); the order is (model, params, state, info)")
+    status, places = np.asarray(info.status), np.asarray(state.positions)
+    if status.ndim > 1 or places.ndim not in (2, 3) or (places.ndim == 3 and len(places) != status.size):
+        raise StepError(
+            f"info.status has shape {status.shape} and state.positions {places.shape}: give one step's, or one run's "
+            "with its steps along the leading axis; of a batch, one lane: jax.tree.map(lambda leaf: leaf[0], states)"
+        )
+    if places.ndim == 2:
+        return np.atleast_1d(status), [state]
+    host = jax.tree.map(np.asarray, state)
+    return np.atleast_1d(status), [jax.tree.map(lambda leaf, at=at: leaf[at], host) for at in range(len(places))]
+
+
+def _moving(state: State) -> list[np.ndarray]:
+    """Places and velocities of nodes, then of rigid bodies."""
+    rigid = state.rigid
+    own = [state.positions, state.velocities]
+    if rigid is not None:
+        own += [rigid.positions, rigid.orientations, rigid.velocities, rigid.angular_velocities]
+    return [np.asarray(each) for each in own]
+
+
+def _bodies(model: Model, state: State, failed: bool) -> Iterator[Finding]:
+    """Bodies that are not finite, bodies turned inside out, and in a failed step the fastest one."""
+    places, velocities, *rigid = _moving(state)
+    owner = [model.bodies[number] for number in np.asarray(model.node_body)]
+    lost = ~(np.isfinite(places).all(1) & np.isfinite(velocities).all(1))
+    speed = np.linalg.norm(velocities, axis=1)
+    if rigid and model.rigid is not None:
+        owner += model.rigid.names
+        lost = np.append(lost, ~np.all([np.isfinite(each).all(1) for each in rigid], axis=0))
+        speed = np.append(speed, np.linalg.norm(rigid[2], axis=1))
+    for name in dict.fromkeys(each for each, gone in zip(owner, lost, strict=True) if gone):
+        count, total = (sum(each == name for each in of) for of in (np.array(owner)[lost], owner))
+        what = f"{count} of its {total} nodes" if name in model.bodies else "its place or velocity"
+        advice = "take a smaller time step; look at its loads, start and material for NaN, infinity or zero"
+        yield Finding("not finite", name, count, f'body "{name}" is not finite any more: {what}', advice)
+    yield from _inverted(model, places)
+    speed = np.where(lost, -1.0, speed)
+    if failed and len(speed) and speed.max() > 0:
+        fastest = int(speed.argmax())
+        text = f'body "{owner[fastest]}" is the fastest, {speed[fastest]:.3g} m/s'
+        yield Finding("fastest", owner[fastest], float(speed[fastest]), text)
+
+
+def _inverted(model: Model, places: np.ndarray) -> Iterator[Finding]:
+    """Bodies with elements inside out, the one with most of them first."""
+    cells, rest = np.asarray(model.elements.cells), np.asarray(model.rest)
+    share = _sixfold_volumes(places[cells]) / _sixfold_volumes(rest[cells])
+    body = np.asarray(model.elements.body)[share <= 0]
+    counts = np.bincount(body, minlength=len(model.bodies))
+    for number in np.argsort(-counts, kind="stable")[: np.count_nonzero(counts)]:
+        name, count = model.bodies[number], int(counts[number])
+        own = np.asarray(model.elements.body) == number
+        least = np.nanargmin(np.where(own, share, np.inf))
+        what = "element is" if count == 1 else "elements are"
+        text = (
+            f'{count} {what} inside out in body "{name}", worst is element {least} at {share[least]:.2g} of its volume'
+        )
+        advice = "take a smaller time step, a finer mesh or gentler loads"
+        yield Finding("inverted", name, count, text, advice)
+
+
+def _sixfold_volumes(corners: np.ndarray) -> np.ndarray:
+    return np.linalg.det(corners[:, 1:] - corners[:, :1])
+
+
+class _Still:
+    """In place of a scheme's stage: rows made with it have the gap itself, with its sign turned, as their bias."""
+
+    ahead = before = None
+
+    def numbers(self, nodes: Any) -> tuple[float, float, float]:
+        """Reach, follow and weight."""
+        return 1.0, 0.0, 1.0
+
+
+STILL: Any = _Still()
+
+
+def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
+    """The most open joint and the deepest contact; with advice where they are worse than they should be."""
+    at, size = configuration(state), _size(model, state)
+    opened = []
+    for label, group in model.joints.items():
+        rows = group.rows(at, params.joints[label], STILL)
+        gap, length, softness = _violation(rows), _is_length(rows, at), np.asarray(rows.compliance).max(1)
+        opened += [
+            (amount / (size if far else 1.0), amount, "m" if far else "rad", name, label, soft > 0)
+            for amount, far, name, soft in zip(gap, length, group.names, softness, strict=True)
+        ]
+    if opened:
+        share, amount, unit, name, label, soft = max(opened)
+        advice = "see that its anchors fit where the bodies start; take a smaller time step or raise max_iterations"
+        advice = f"{advice}; it has a compliance, which lets it give: lower it" if soft else advice
+        text = f'joint "{name}" is open by {amount:.3g} {unit} (rows "{label}")'
+        yield Finding("open", name, float(amount), text, advice if share > OPEN else "")
+    deepest = min(_nearest(model, at), default=(0.0, "", ""))
+    if deepest[0] < 0:
+        depth, name, label = -deepest[0], *deepest[1:]
+        advice = "see that the bodies do not start inside each other; take a smaller time step or a larger margin"
+        text = f'contact "{name}" is {depth:.3g} m deep (rows "{label}")'
+        yield Finding("deep", name, depth, text, advice if depth > DEEP * size else "")
+
+
+def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:
+    """The least gap [m] of each group of contacts, its contact's name and its group's."""
+    for label, candidates in model.contacts.items():
+        gap = np.asarray(candidates.pairs(at).gap)
+        yield float(gap.min()), candidates.names[int(gap.argmin())], label
+
+
+def _violation(rows: Any) -> np.ndarray:
+    """By how much each block of rows is open, (m,). A row counts only where an unbounded impulse should close it."""
+    gap = -np.asarray(rows.bias)
+    lower, upper = (-np.inf, np.inf) if rows.bounds is None else map(np.asarray, rows.bounds)
+    pushed, pulled = np.isinf(upper) & (gap < 0), np.isinf(lower) & (gap > 0)
+    return np.where(pushed | pulled, np.abs(gap), 0.0).max(axis=1)
+
+
+def _is_length(rows: Any, at: Any) -> np.ndarray:
+    """Whether each block of rows measures a length (m,): some linear velocity takes part. Else it is an angle."""
+    triples, jacobian = np.asarray(rows.triples), np.asarray(rows.jacobian)
+    used = (jacobian != 0).reshape(*jacobian.shape[:2], -1, 3).any(axis=(1, 3))
+    return (used & (triples < at.unknowns - len(at.centers))).any(axis=1)
+
+
+def _size(model: Model, state: State) -> float:
+    """Length of the scene's largest extent [m], a body's own size (from its inertia) at least."""
+    points = [np.asarray(model.rest)]
+    own = 0.0
+    if model.rigid is not None and state.rigid is not None:
+        points.append(np.asarray(model.rigid.start))
+        own = 2 * float(np.sqrt(np.abs(np.asarray(model.rigid.inertia_per_mass)).max()))
+    return max(float(np.ptp(np.concatenate(points), axis=0).max()), own)
+
+
+def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:
+    what = "the step" if steps == 1 else f"all {steps} steps"
+    effort = f"at most {int(np.max(info.iterations))} iterations, residual {float(np.max(info.residual)):.1e}"
+    return "; ".join([f"{what} converged ({effort})", *(f"at the end {each.text}" for each in rows)])
+
+
+def _headline(step: int | None, status: np.ndarray, bad: list[bool], code: Status, time: float | None) -> str:
+    """Which step failed first and how; how many did."""
+    if step is None:
+        return "every step converged, but this looks wrong:"
+    when = "" if time is None else f" (t = {time:.6g} s)"
+    which = "the step" if len(status) == 1 else f"step {step + 1} of {len(status)}"
+    word = "not finite" if code is Status.CONVERGED else code.name.lower().replace("_", " ")
+    more = f", the first of {sum(bad)}" if sum(bad) > 1 else ""
+    return f"{which}{when} failed{more}: {word}"
+
+
+def _listed(findings: list[Finding], code: Status) -> list[str]:
+    """A line a finding, then what to do: the solve's own remedy first, each only once."""
+    told = [] if code is Status.CONVERGED else [f"its solve {describe(code)}"]
+    advice = dict.fromkeys(each.advice for each in findings if each.advice)
+    return [f"  {line}" for line in (*told, *(each.text for each in findings), *(f"next: {each}" for each in advice))]

@@ -1,0 +1,123 @@
+"""What a material law is: its constants, its stiffness and damping, and, where it has a memory, what it remembers."""
+
+from collections.abc import Mapping
+from typing import Any, ClassVar, NamedTuple, Self
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.materials.constants import Constant, MaterialError
+
+Array = jax.Array
+Values = Mapping[str, Array]
+Pair = tuple[Array, Array]
+
+LAWS: dict[str, type["Material"]] = {}
+"""Every law by its word, as scene files name it; a law enters itself when its class is defined."""
+
+
+class Response(NamedTuple):
+    """How a material with a memory answers in one step: stress D f (e + offset) + D beta de/dt, linear in the strain.
+
+    `factor`: f of the volumetric and the deviatoric stiffness, each () or (D,); `offset` (r, D): known strain.
+    """
+
+    factor: tuple[Any, Any]
+    offset: Array
+
+
+class Material:
+    """A law with the values of its constants, as a user declares it: `Law(constant=value, ...)`; its own base class.
+
+    A subclass gives its word, `class MyLaw(Material, word="my_law")`, and its `constants`; where it comes in variants,
+    `options`: name -> default, each a bool, number or string, given like constants and read as attributes. In a model
+    the law is static: two are equal where class and options are, and the values go to `params`.
+    In kernels `values` holds one number, or one an element (E,), for each constant; with a memory, one a domain (D,).
+    Strain has r rows in the constant eigenbasis of isotropy, of which `rows` says which of the six: 0 is volumetric.
+    """
+
+    word: ClassVar[str] = ""
+    constants: ClassVar[tuple[Constant, ...]] = ()
+    options: ClassVar[Mapping[str, Any]] = {}
+    values: Mapping[str, Any]
+
+    def __init_subclass__(cls, word: str = "", **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if not word:
+            return  # a class that others share code through
+        known = LAWS.get(word)
+        if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
+            raise TypeError(f'two material laws go by the word "{word}": {known.__qualname__} and {cls.__qualname__}')
+        cls.word = word
+        LAWS[word] = cls
+
+    def __init__(self, **given: Any):
+        names = [each.name for each in self.constants]
+        for name in given:
+            if name not in names and name not in self.options:
+                known = ", ".join([*names, *self.options])
+                raise MaterialError(f"{type(self).__name__} has no constant {name!r}; it has {known}")
+        for each in self.constants:
+            if given.get(each.name) is None and each.default is None:
+                unit = f" in {each.unit}" if each.unit else ""
+                raise MaterialError(f"{type(self).__name__} needs {each.name}, its {each.title}{unit}")
+        values = {each.name: given.get(each.name) for each in self.constants}
+        defaults = {each.name: each.default for each in self.constants}
+        self._set({name: defaults[name] if value is None else value for name, value in values.items()}, given)
+
+    def _set(self, values: Mapping[str, Any], options: Mapping[str, Any]) -> None:
+        object.__setattr__(self, "values", values)
+        for name, default in self.options.items():
+            object.__setattr__(self, name, options.get(name, default))
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise AttributeError(f"a material does not change: make another {type(self).__name__}")
+
+    @property
+    def law(self) -> Self:
+        """The same law and options without values: what the model holds."""
+        bare = object.__new__(type(self))
+        bare._set({}, vars(self))
+        return bare
+
+    def _key(self) -> tuple:
+        return type(self), tuple(getattr(self, name) for name in self.options)
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Material) and self._key() == other._key()
+
+    def __hash__(self) -> int:
+        return hash(self._key())
+
+    def __repr__(self) -> str:
+        chosen = {name: getattr(self, name) for name in self.options} | dict(self.values)
+        return f"{type(self).__name__}({', '.join(f'{name}={value!r}' for name, value in chosen.items())})"
+
+    def stiffness(self, values: Values) -> Pair:
+        """The two distinct eigenvalues of the isotropic stiffness, volumetric 3K and deviatoric 2 mu [Pa]."""
+        raise NotImplementedError(f"{type(self).__name__} does not say its stiffness")
+
+    def damping(self, values: Values) -> Any:
+        """Time beta [s] of the viscous stress D beta de/dt beside the elastic one."""
+        return 0.0
+
+    def internal0(self, strain: Array) -> Any:
+        """What is remembered where the `strain` is (r, D), as at the start: a pytree of arrays, or None, no memory."""
+        return None
+
+    @property
+    def remembers(self) -> bool:
+        """Whether the law has a memory."""
+        return self.internal0(jnp.zeros((1, 1))) is not None
+
+    def response(self, values: Values, internal: Any, dt: Array, rows: slice) -> Response:
+        """The stress of the coming step of `dt` [s] as a function of the strain in it; laws with a memory only."""
+        raise NotImplementedError(f"{type(self).__name__} has a memory but no response")
+
+    def commit(self, values: Values, internal: Any, strain: Array, dt: Array, rows: slice) -> Any:
+        """What is remembered after a step of `dt` that ended at `strain` (r, D); laws with a memory only."""
+        raise NotImplementedError(f"{type(self).__name__} has a memory but does not commit to it")
+
+    def rest_strain(self, values: Values, internal: Any, rows: slice) -> Array | None:
+        """The strain (r, D) at which no energy is stored, None: zero; laws with a memory only."""
+        return None

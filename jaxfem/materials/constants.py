@@ -1,0 +1,150 @@
+"""A material constant as a law declares it: all that scene files, checks, fits, plots and messages know of it."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+Array = jax.Array
+
+
+class MaterialError(ValueError):
+    """A material value outside its admissible range, or one that is missing or strange to its law."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Transform:
+    """How a fit's unknown z becomes a value in the open range (low, high).
+
+    `proportional`: several values change in proportion, and plots take a logarithmic axis. `open_spread`: the standard
+    error of z from which samples say next to nothing of the value.
+    """
+
+    low: float = -float("inf")
+    high: float = float("inf")
+    proportional: ClassVar[bool] = False
+    open_spread: ClassVar[float] = float("inf")
+
+    def value(self, z: Array) -> Array:
+        """The value at z."""
+        raise NotImplementedError
+
+    def unknown(self, value: float) -> float:
+        """The z of a value."""
+        raise NotImplementedError
+
+
+@dataclasses.dataclass(frozen=True)
+class Logarithm(Transform):
+    """z = log of a positive value: a step of z is a factor, whatever the value's size."""
+
+    low: float = 0.0
+    proportional: ClassVar[bool] = True
+    open_spread: ClassVar[float] = 0.5
+
+    def value(self, z: Array) -> Array:
+        """exp z."""
+        return jnp.exp(z)
+
+    def unknown(self, value: float) -> float:
+        """log of the value."""
+        return float(np.log(value))
+
+
+@dataclasses.dataclass(frozen=True)
+class Logistic(Transform):
+    """A value on the logistic curve between open bounds: no step of z leaves them."""
+
+    open_spread: ClassVar[float] = 1.0
+
+    def value(self, z: Array) -> Array:
+        """The curve at z."""
+        return self.low + (self.high - self.low) * jax.nn.sigmoid(z)
+
+    def unknown(self, value: float) -> float:
+        """Log of the odds of the value's share of the range."""
+        share = (value - self.low) / (self.high - self.low)
+        return float(np.log(share) - np.log1p(-share))
+
+
+@dataclasses.dataclass(frozen=True)
+class Identity(Transform):
+    """The value itself."""
+
+    def value(self, z: Array) -> Array:
+        """z."""
+        return z
+
+    def unknown(self, value: float) -> float:
+        """The value."""
+        return float(value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Constant:
+    """One constant of a law. Static: no arrays.
+
+    `name`: its word in Python, scene files and fits; `label`: in plots and prose; `unit`: SI, "" for none. Admissible
+    are finite values strictly between `low` and `high`, with `closed` `low` itself too; `advice` ends the sentence
+    that refuses others. Outside `plausible` a slip of units (MPa for Pa, percent for a share) is likelier than a
+    material. `default`: None where a value must be given.
+    Fits: `transform`; `bounds` where a user gives none: multiples of the start, or with `absolute` the values
+    themselves; `stiffness`: a body's stiffness is in proportion to it, and a fit scans over it; `doubt`: a value below
+    which a fit is warned, and why.
+    """
+
+    name: str
+    unit: str
+    advice: str
+    label: str = ""
+    low: float = -float("inf")
+    high: float = float("inf")
+    closed: bool = False
+    plausible: tuple[float, float] = (-float("inf"), float("inf"))
+    default: float | None = None
+    transform: Transform = Logarithm()
+    bounds: tuple[float, float] = (1e-3, 1e3)
+    absolute: bool = False
+    stiffness: bool = False
+    doubt: tuple[float, str] | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.isidentifier() or self.name.startswith("_"):
+            raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
+
+    @property
+    def title(self) -> str:
+        """The constant in prose."""
+        return self.label or self.name
+
+    def checked(self, body: str, value: Any, elements: int) -> np.ndarray:
+        """Validate a body's value on the host: one number, or one for each of its `elements`.
+
+        Returns float64 of shape () or (elements,). MaterialError names the body, the element, the value, the remedy.
+        """
+        array = np.asarray(value, dtype=np.float64)
+        if array.shape not in ((), (elements,)):
+            raise MaterialError(
+                f'{self.name} of "{body}" has shape {array.shape}; give one number, or one for each of its {elements} '
+                "elements"
+            )
+        inside = ((array >= self.low) if self.closed else (array > self.low)) & (array < self.high)
+        bad = np.flatnonzero(~(np.isfinite(array) & inside))
+        if bad.size:
+            where = f" of element {bad[0]}" if array.shape else ""
+            raise MaterialError(f'{self.name}{where} of "{body}" is {np.atleast_1d(array)[bad[0]]:g}: it {self.advice}')
+        low, high = self.plausible
+        if array.min() < low or array.max() > high:
+            raise MaterialError(
+                f'{self.name} of "{body}" is {array.min():g} to {array.max():g}, outside the plausible {low:g} to '
+                f"{high:g} in SI units (Pa, kg/m^3, s): check its unit"
+            )
+        return array
+
+
+DENSITY = Constant(
+    "density", "kg/m^3", "must be > 0 kg/m^3 (water: 1000)", label="density", low=0.0, plausible=(1e-1, 1e5)
+)
+"""The one constant that every soft body has beside those of its law."""

@@ -1,0 +1,138 @@
+"""A step on the impulses of all rows, and the derivative that its condition implies.
+
+    min 1/2 lam' A lam - b' lam,   l <= lam <= h,   A = J M^-1 J' + C,  b = c - J v*,   then v = v* + M^-1 J' lam
+(Benevolensky & Voroshilov 2009, section 3). Friction rows have h = -l = mu lam_n with lam_n of the normal row beside
+them. The searches (`mprgp.py`, `direct.py`, `sweeps.py`) find the impulses; the rest is the same for all.
+"""
+
+from functools import partial
+from typing import Any, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.methods.allrows.cone import projected_step
+from jaxfem.methods.allrows.factor import row_preconditioner
+from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
+from jaxfem.methods.base import Solved
+from jaxfem.pytrees import Pytree
+from jaxfem.rows.bounds import Impulses, named, placed_at_bounds
+from jaxfem.solvers import trees
+from jaxfem.solvers.bicgstab import bicgstab
+from jaxfem.solvers.differentiation import solved
+from jaxfem.solvers.implicit import tangent_solution
+from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.soft import System
+
+Array = jax.Array
+
+
+class Found(Pytree):
+    """What a search found: impulses, the side of its bounds that each is at (-1, 1; 0 between), info, and velocities
+    (n, 3) where they are known better than from the impulses."""
+
+    impulses: Impulses
+    sides: Impulses
+    info: SolveInfo
+    velocities: Array | None = None
+
+
+class Search(Protocol):
+    """A way to find the impulses of all rows; hashable, holds no arrays."""
+
+    @property
+    def cone(self) -> bool:
+        """Whether it holds friction in the true cone; else each tangential impulse has bounds of its own."""
+
+    def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
+        """The impulses, from a guess; never differentiated. `plan`: what its method made of the topology."""
+
+
+def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> Solved:
+    """The step's solution, from the impulses `guess` to start from.
+
+    Differentiable in the system: on the rows found at a bound the impulse is that bound, on all others the condition
+    A lam = b holds; its solution by the implicit function theorem is again one linear solve, with a symmetric matrix
+    unless a friction bound is active.
+    """
+    if not system.rows:  # free flight
+        zero = jnp.int32(0)
+        info = SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero)
+        return Solved(velocities_from(system, named((), ())), named((), ()), info)
+    cone = search.cone and bool(system.friction)
+
+    def solve(system: System, plan: Any, guess: Impulses) -> tuple[Impulses, Any]:
+        best = search.found(system, plan, row_operator(system), guess)
+        return best.impulses, (best.sides, best.velocities, best.info)
+
+    def tangent(found: Impulses, rest: Any, arguments: tuple, pushed: Any) -> Any:
+        system, plan, _ = arguments
+        sides = rest[0]
+        right = pushed(lambda system, plan, guess: _condition(system, sides, cone, found))
+        return tangent_solution(
+            partial(_condition, system, sides, cone),
+            found,
+            right,
+            partial(_tangent, jax.lax.stop_gradient(system), plan, sides),
+            not system.friction,
+        )
+
+    found, (sides, reached, info) = solved(solve, tangent, system, plan, jax.lax.stop_gradient(guess))
+    impulses = placed_at_bounds(system.rows, system.friction, sides, found)
+    velocities = velocities_from(system, impulses)
+    if reached is not None:  # the same velocities, but for rounding
+        velocities = velocities + jax.lax.stop_gradient(reached - velocities)
+    return Solved(velocities, impulses, info)
+
+
+def _condition(system: System, sides: Impulses, cone: bool, unknown: Impulses) -> Impulses:
+    """Zero at the impulses found: A lam - b, and the unknown itself on rows at a bound, where its value is not used."""
+    operator = row_operator(system)
+    weights = jax.lax.stop_gradient(operator.diagonal)
+    settled = placed_at_bounds(system.rows, system.friction, sides, unknown)
+    residual = trees.minus(operator.apply(settled), operator.right)
+    if cone:
+        residual = _cone_condition(system, settled, residual, weights)
+    return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
+
+
+def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses) -> Impulses:
+    """The residual with, for friction pairs, D (lam - P(lam - residual / D)): P the projection on the cone's disc."""
+    projected = projected_step(system, impulses, residual, weights)
+    changed = residual.copy()
+    for name in system.friction:
+        width = jnp.max(weights[name], -1, keepdims=True)
+        changed[name] = width * (impulses[name] - projected[name])
+    return changed
+
+
+def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Impulses) -> Impulses:
+    """Solve the linearised condition; NaN where that fails, never a plausible number."""
+    weights = row_operator(system).diagonal
+    scaled = _diagonal(weights) if plan is None else _scaled_factor(system, plan, weights, sides)
+
+    if not system.friction:
+        solution, info = pcg(matvec, vector, scaled, tol=system.tolerance, max_iterations=system.max_iterations)
+        good = info.status == int(Status.CONVERGED)
+    else:
+        limit = system.max_iterations
+        solution, info = bicgstab(matvec, vector, scaled, tol=system.tolerance, max_iterations=limit)
+        good = info.residual <= jnp.sqrt(system.tolerance)
+    return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+
+
+def _diagonal(weights: Impulses) -> Any:
+    return lambda residual: jax.tree.map(jnp.divide, residual, weights)
+
+
+def _scaled_factor(system: System, plan: Any, weights: Impulses, sides: Impulses) -> Any:
+    """The inverse of A on the rows between their bounds, and of its diagonal on the others."""
+    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
+    root = jax.tree.map(jnp.sqrt, weights)
+    factor = row_preconditioner(system, plan, weights, free)
+
+    def apply(residual: Impulses) -> Impulses:
+        return jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
+
+    return apply

@@ -1,0 +1,76 @@
+"""The rows of rigid bodies by elimination: see `elimination.py` for the search and `order.py` for the order."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.methods.allrows.condition import Found, solve_rows
+from jaxfem.methods.allrows.elimination import search_by_elimination
+from jaxfem.methods.allrows.factor import elimination_of
+from jaxfem.methods.allrows.operator import RowOperator
+from jaxfem.methods.allrows.order import RowOrder
+from jaxfem.methods.allrows.rounds import with_friction
+from jaxfem.methods.base import Facts, Solved
+from jaxfem.methods.by_rows import Impulses, RowMethod, system_of
+from jaxfem.model import Model, Params, State
+from jaxfem.rows.bounds import Bounds, sides_of
+from jaxfem.system.soft import System
+
+Array = jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Direct(RowMethod):
+    """Sparse elimination of all rows, with an active set where some are bounded. For rigid bodies alone."""
+
+    name: ClassVar[str] = "direct"
+
+    def refuses(self, facts: Facts) -> str | None:
+        """Scenes with soft bodies."""
+        if facts.soft:
+            return 'eliminates the rows of rigid bodies, and this scene has soft bodies: use "auto" or "condensed"'
+        return None
+
+    def plan(self, model: Model, params: Params, state: State) -> RowOrder:
+        """The order of elimination; ValueError where nothing ties the bodies, or too much does."""
+        assert model.rigid is not None
+        # Nothing but these is compiled.
+        triples, heights = jax.jit(_triples, static_argnums=())(model, params, state.replace(memory=None))
+        order = elimination_of([np.asarray(each) for each in triples], [each.shape[0] for each in heights], model.rigid)
+        if order is None:
+            raise ValueError(
+                "eliminates the rows that tie rigid bodies, and here there are none, or so many that it is too dear: "
+                'use "auto", "mprgp" or "pgs"'
+            )
+        return order
+
+    def solve(self, system: System, plan: Any, cache: Any, velocities: Array, impulses: Impulses | None) -> Solved:
+        """All rows, in the order that the plan says."""
+        assert impulses is not None
+        return solve_rows(system, plan, impulses, EliminationSearch())
+
+
+@dataclasses.dataclass(frozen=True)
+class EliminationSearch:
+    """Rounds of elimination, until friction's bounds settle."""
+
+    cone: ClassVar[bool] = False
+
+    def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
+        """Impulses, their sides, and velocities that know no rounding of impulses that cancel."""
+
+        def once(start: Impulses, bounds: Bounds) -> Found:
+            found, velocities, info = search_by_elimination(system, plan, start, operator, bounds)
+            velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
+            return Found(found, sides_of(bounds, found), info, velocities)
+
+        return with_friction(system, guess, once)
+
+
+def _triples(model: Model, params: Params, state: State) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
+    """Triples that each group of rows acts on, and arrays as long as its blocks have rows."""
+    rows = system_of(model, params, state, jnp.ones((), model.rest.dtype), None).extra.values()
+    return tuple(each.triples for each in rows), tuple(jnp.zeros(each.bias.shape[1], bool) for each in rows)

@@ -1,0 +1,58 @@
+"""Friction's bounds at their fixed point: rows are solved with bounds from the last normal impulses until these settle.
+
+That is a solution of the coupled problem (Haslinger's fixed point, 1983; not of the relaxed convex one).
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.methods.allrows.condition import Found
+from jaxfem.rows.bounds import Bounds, Impulses, Radii, friction_radii, row_bounds
+from jaxfem.solvers.status import Status
+from jaxfem.system.soft import System
+
+Array = jax.Array
+
+FRICTION_ROUNDS = 100
+PLAIN_ROUNDS = 8  # after these, bounds go half of the way only: where they circle, that brings them to rest
+FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
+
+
+def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bounds], Found]) -> Found:
+    """`once(start, bounds)`, repeated until friction's bounds fit; from some round on, halfway to them only."""
+    if not system.friction:
+        return once(guess, row_bounds(system.rows, {}))
+    normals = {each.normal for each in system.friction.values()}
+
+    def change(found: Impulses, radii: Radii) -> Array:
+        fresh = friction_radii(system.friction, found)
+        moved = sum(jnp.sum((fresh[name] - old) ** 2) for name, old in radii.items())
+        size = sum(jnp.sum(found[name] ** 2) for name in sorted(normals))
+        return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
+
+    def trip(carry: Any) -> Any:
+        last, radii, _, rounds, total = carry
+        last = last.impulses
+        fresh = friction_radii(system.friction, last)
+        part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
+        radii = jax.tree.map(lambda old, new: old + part * (new - old), radii, fresh)
+        found = once(last, row_bounds(system.rows, radii))
+        moved = change(found.impulses, radii)
+        return found, radii, moved, rounds + 1, total + found.info.iterations
+
+    def running(carry: Any) -> Array:
+        found, _, moved, rounds, _ = carry
+        return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (found.info.status == 0)
+
+    # Into the loop as if a round had been made, so that it is compiled once.
+    radii, zero = friction_radii(system.friction, guess), jnp.int32(0)
+    shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii)))
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes).replace(impulses=guess)
+    start = (blank, radii, jnp.full((), jnp.inf, system.target.dtype), zero, zero)
+    found, _, moved, _, total = jax.lax.while_loop(running, trip, start)
+    unsettled = (moved > FRICTION_SLACK * system.tolerance) & (found.info.status == 0)
+    status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
+    return found.replace(info=found.info.replace(iterations=total, status=status))

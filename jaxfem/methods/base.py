@@ -1,0 +1,96 @@
+"""What a method is: a way to solve a step, chosen with `build(solver=...)`.
+
+A new method is a subclass of `Method` (a frozen dataclass) with a `name`: that alone makes it known to `build` and to
+scene files. It is part of the compiled program, so it holds flags and no arrays; what it needs in arrays it makes in
+`plan` (from the topology, once, on the host), in `prepare` (for many steps of about the same length) and in `start`
+(its memory from one step to the next).
+"""
+
+import abc
+import dataclasses
+from collections import OrderedDict
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.pytrees import Pytree
+from jaxfem.schemes import Scheme
+from jaxfem.solvers.status import SolveInfo
+
+Array = jax.Array
+
+
+class Facts(NamedTuple):
+    """What of a scene decides which methods can serve it.
+
+    `soft`, `rigid`: whether it has such bodies; `tied`: whether it has joints or contacts; `mass`: kind of mass matrix;
+    `strains`: kinds of strain rows of its bodies; `scheme`: the time scheme.
+    """
+
+    soft: bool
+    rigid: bool
+    tied: bool
+    mass: str
+    strains: tuple[str, ...]
+    scheme: Scheme
+
+    @property
+    def coupled(self) -> bool:
+        """Whether anything but soft bodies takes part."""
+        return self.rigid or self.tied
+
+
+class Solved(Pytree):
+    """The solution of a step, by whichever method: end-of-step `velocities` (n, 3) of all triples, `impulses` of the
+    groups of rows that the method solves for (None where it has none), and how the solve went."""
+
+    velocities: Array
+    impulses: OrderedDict[str, Array] | None
+    info: SolveInfo
+
+
+@dataclasses.dataclass(frozen=True)
+class Method(abc.ABC):
+    """A way to solve a step: see the head of this file. `name`: its word in `build` and in scene files."""
+
+    name: ClassVar[str]
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
+            return
+        known = METHODS.get(cls.name, cls)
+        if known.__qualname__ != cls.__qualname__:
+            raise TypeError(f'two methods are called "{cls.name}": {known.__qualname__} and {cls.__qualname__}')
+        METHODS[cls.name] = cls
+
+    def refuses(self, facts: Facts) -> str | None:
+        """Why it cannot serve a scene, in words that follow its name, or None."""
+        return None
+
+    def plan(self, model: Model, params: Params, state: State) -> Any:
+        """What it makes of the topology, once, on the host; kept as `model.plan`. ValueError says why it cannot."""
+        return None
+
+    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
+        """What pays to be made once for many steps of about `dt` [s]; kept as `model.cache`, or by a rollout."""
+        return None
+
+    def start(self, model: Model, params: Params, state: State) -> Any:
+        """The first `State.memory`."""
+        return None
+
+    @abc.abstractmethod
+    def step(
+        self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
+    ) -> tuple[State, StepInfo]:
+        """One step of `dt` [s]; `forces` (n, 3) [N] or None; `cache`: what `prepare` made."""
+
+    def impulses(self, model: Model, memory: Any) -> OrderedDict[str, Array]:
+        """Impulses of the last step by the names of their groups of rows, as far as the `memory` holds them."""
+        return OrderedDict()
+
+
+METHODS: dict[str, type[Method]] = {}
+"""All methods by name."""

@@ -1,0 +1,116 @@
+"""What a shape of contact is: a class that says what it can do, and registers itself with the word of scene files.
+
+Every shape is centred on its own origin and, where it has an axis, lies along z. What it has decides what it can be:
+* `distance(point)`: signed distance [m] of one point (3,) in the shape's frame, negative inside, in JAX; contact takes
+  its gradient for the normal. Others can touch the shape, and it can be ground.
+* `mass_properties()` and `features()`, on the host: it can be a rigid body. `features` lists the points (k, 3) [m] with
+  which it touches others, and the radius (k,) [m] of the ball around each.
+A subclass may live anywhere, also outside the package.
+"""
+
+from typing import Any, ClassVar, Self
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.inputs import Sources, TableLike, inputs_of, read_fields
+from jaxfem.pytrees import Pytree
+from jaxfem.registry import Registry
+
+Array = jax.Array
+MassProperties = tuple[float, np.ndarray, np.ndarray]
+"""Volume [m^3], centre of mass (3,) [m], inertia per mass about it (3, 3) [m^2]."""
+
+
+class Shape(Pytree):
+    """Base class. `word`: what scene files call it, `leading`: the field whose value stands at the word, the first
+    without it; a shape without a word is for Python alone."""
+
+    word: ClassVar[str | None] = None
+    leading: ClassVar[str | None] = None
+    shared: ClassVar[bool] = False
+    """Whether all pairs of a contact share one copy of its values: large ones, or a function."""
+
+    def __init_subclass__(cls, word: str | None = None, leading: str | None = None, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        cls.word, cls.leading = word, leading
+        if word is None:
+            return
+        if not (cls.is_solid() or cls.is_obstacle()):
+            raise TypeError(f"{cls.__name__} has neither `distance` nor `mass_properties` and `features`: define some")
+        if not inputs_of(cls) and cls.read.__func__ is Shape.read.__func__:  # type: ignore[attr-defined]
+            raise TypeError(f"{cls.__name__} says not what its fields take: give them metadata=takes(...)")
+        SHAPES.add(word, cls)
+
+    @classmethod
+    def is_solid(cls) -> bool:
+        """Whether it can be a rigid body."""
+        return cls.mass_properties is not Shape.mass_properties and cls.features is not Shape.features
+
+    @classmethod
+    def is_obstacle(cls) -> bool:
+        """Whether points of others can touch it, so that it can be ground."""
+        return cls.distance is not Shape.distance
+
+    def distance(self, point: Array) -> Array:
+        """Signed distance of a point (3,) [m]."""
+        raise NotImplementedError(f"others cannot touch a {type(self).__name__}")
+
+    def mass_properties(self) -> MassProperties:
+        """Volume, centre, inertia per mass."""
+        raise NotImplementedError(f"a {type(self).__name__} is no rigid body")
+
+    def features(self) -> tuple[np.ndarray, np.ndarray]:
+        """Points (k, 3) [m] that touch others, and the radius (k,) [m] of the ball around each."""
+        raise NotImplementedError(f"a {type(self).__name__} is no rigid body")
+
+    def edges(self) -> np.ndarray | None:
+        """Halves (3,) [m] of the sizes of the block whose edges touch those of others; None for what has none."""
+        return None
+
+    def flaw(self, label: str) -> str:
+        """What is wrong with its values, and what to do; empty where nothing is. `label`: whose shape it is."""
+        for name, each in inputs_of(self).items():
+            if flaw := each.flaw(getattr(self, name)):
+                return f'{name} of "{label}" is {np.asarray(getattr(self, name)).tolist()}; {flaw}'
+        return ""
+
+    @classmethod
+    def keys(cls) -> tuple[str, ...]:
+        """Keys of its table in a scene file: its word in place of the leading field, then the other fields."""
+        fields = tuple(inputs_of(cls))
+        leading = cls.leading or fields[0]
+        return (str(cls.word), *(name for name in fields if name != leading))
+
+    @classmethod
+    def example(cls) -> str:
+        """A table for messages."""
+        fields = inputs_of(cls)
+        return f"{{ {cls.word} = {fields[cls.leading or next(iter(fields))].example} }}"
+
+    @classmethod
+    def read(cls, table: TableLike, sources: Sources) -> Self:
+        """The shape that such a table describes."""
+        leading = cls.leading or next(iter(inputs_of(cls)))
+        return cls(**read_fields(cls, table, sources, keys={leading: str(cls.word)}))
+
+
+SHAPES: Registry[Shape] = Registry("shape")
+"""All shapes by their words."""
+
+
+def solids() -> list[type[Shape]]:
+    """The registered shapes that can be rigid bodies."""
+    return [each for each in SHAPES.classes() if each.is_solid()]
+
+
+def obstacles() -> list[type[Shape]]:
+    """The registered shapes that can be ground."""
+    return [each for each in SHAPES.classes() if each.is_obstacle()]
+
+
+def length(vector: Array) -> Array:
+    """Euclidean norm, with derivative zero at the origin."""
+    square = jnp.vdot(vector, vector)
+    return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)

@@ -1,0 +1,68 @@
+"""Ground: what bounds others and is no body."""
+
+from collections.abc import Callable
+from dataclasses import field
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.inputs import Direction, Grid, Vector, takes
+from jaxfem.pytrees import static
+from jaxfem.rigid.shapes.base import Shape
+
+Array = jax.Array
+
+
+class Plane(Shape, word="plane", leading="normal"):
+    """A half-space that bounds others from `point` (3,) [m] along the outward `normal` (3,)."""
+
+    point: Any = field(default=(0.0, 0.0, 0.0), metadata=takes(Vector("m")))
+    normal: Any = field(default=(0.0, 0.0, 1.0), metadata=takes(Direction()))
+
+    def distance(self, point: Array) -> Array:
+        """Signed distance of a point (3,) [m]."""
+        normal = jnp.asarray(self.normal)
+        return jnp.vdot(point - jnp.asarray(self.point), normal / jnp.linalg.norm(normal))
+
+
+class HeightField(Shape, word="heights"):
+    """Ground z = h(x, y), bilinear over a grid: `heights` (nx, ny) [m] from `origin` (2,) [m] at `spacing` (2,) [m].
+
+    Beyond its edge the ground goes on at the height of the edge. The distance is the height above it times the cosine
+    of its slope: exact on a slope, first-order near bumps.
+    """
+
+    heights: Any = field(metadata=takes(Grid("m", "heights")))
+    spacing: Any = field(metadata=takes(Vector("m", 2, positive=True)))
+    origin: Any = field(default=(0.0, 0.0), metadata=takes(Vector("m", 2)))
+    shared: ClassVar[bool] = True
+
+    def distance(self, point: Array) -> Array:
+        """Signed distance of a point (3,) [m], to first order."""
+        height, slope = self._ground(point[:2])
+        return (point[2] - height) / jnp.sqrt(1 + jnp.vdot(slope, slope))
+
+    def _ground(self, place: Array) -> tuple[Array, Array]:
+        heights, spacing = jnp.asarray(self.heights), jnp.asarray(self.spacing)
+        cells = jnp.asarray(heights.shape) - 1
+        at = (place - jnp.asarray(self.origin)) / spacing
+        inside = jnp.clip(at, 0, cells)
+        cell = jnp.clip(jnp.floor(jax.lax.stop_gradient(inside)).astype(jnp.int32), 0, cells - 1)
+        u, v = inside - cell
+        a, b, c, d = (heights[cell[0] + i, cell[1] + j] for i, j in ((0, 0), (1, 0), (0, 1), (1, 1)))
+        height = a * (1 - u) * (1 - v) + b * u * (1 - v) + c * (1 - u) * v + d * u * v
+        slope = jnp.stack([(b - a) * (1 - v) + (d - c) * v, (c - a) * (1 - u) + (d - b) * u]) / spacing
+        return height, jnp.where((at == inside), slope, 0)
+
+
+class SignedDistance(Shape):
+    """An obstacle given by `function`: a point (3,) [m] and `values` (any pytree) -> signed distance [m], in JAX."""
+
+    function: Callable[..., Array] = static()
+    values: Any = ()
+    shared: ClassVar[bool] = True
+
+    def distance(self, point: Array) -> Array:
+        """Signed distance of a point (3,) [m]."""
+        return self.function(point, self.values)

@@ -1,0 +1,172 @@
+"""What a time scheme is: where a step takes strains and rates, and how velocities become the next state.
+
+A scheme only changes the coefficients of C and c of the rows, the velocities that loads are added to, and the
+recombination: strain and rate are taken at  x_a = base + ahead + reach v  and  v_a = before + follow v,  v the
+end-of-step velocity, and impulses count `weight` instead of dt. Rows are linearised at `base`.
+
+A new scheme is a subclass of `Scheme` with a `name`: that alone makes it known to `build` and to scene files.
+"""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar, Protocol
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import Pytree
+
+Array = jax.Array
+
+
+class Stage(Pytree):
+    """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros.
+
+    `reach`, `follow` and `weight` are one number each, or (n, 1) where bodies take the step by different schemes.
+    """
+
+    base: Array
+    ahead: Array | None
+    before: Array | None
+    start: Array
+    reach: Array
+    follow: Any
+    weight: Array
+
+    def numbers(self, nodes: Array) -> tuple[Any, Any, Any]:
+        """`reach`, `follow` and `weight` for rows on `nodes` (...): numbers, or arrays (...)."""
+        reach, follow, weight = (v[nodes, 0] if jnp.ndim(v) else v for v in (self.reach, self.follow, self.weight))
+        return reach, follow, weight
+
+    def moved_to(self, velocities: Array) -> "Stage":
+        """The stage with its rows linearised where end-of-step `velocities` (n, 3) lead; the forces there are exact."""
+        place = self.base + self.reach * velocities
+        place = place if self.ahead is None else place + self.ahead
+        before = jnp.zeros_like(velocities) if self.before is None else self.before
+        return self.replace(base=place, ahead=-self.reach * velocities, before=before)
+
+    def where(self, chosen: Array, other: "Stage") -> "Stage":
+        """This stage for the nodes `chosen` (n,), the `other` one for the rest."""
+        zeros = jnp.zeros_like(self.base)
+        pair = [
+            s.replace(
+                ahead=zeros if s.ahead is None else s.ahead,
+                before=zeros if s.before is None else s.before,
+            )
+            for s in (self, other)
+        ]
+        found: Stage = jax.tree.map(lambda one, two: jnp.where(chosen[:, None], one, two), *pair)
+        return found
+
+
+class Moving(Protocol):
+    """What a scheme sees of a state: `positions`, `velocities` (n, 3), and the `accelerations` that some carry."""
+
+    @property
+    def positions(self) -> Array: ...
+    @property
+    def velocities(self) -> Array: ...
+    @property
+    def accelerations(self) -> Array | None: ...
+
+
+class Scheme(Pytree):
+    """A time scheme: its type is part of the program, its numbers (fields) are values that change without compiling.
+
+    `name`: its word in `build` and scene files. `order`: of its error in dt. `rigid`: whether it serves scenes with
+    rigid bodies. `restarts`: whether a step in which something strikes has to be one of backward Euler for the bodies
+    struck, whose accelerations then start anew.
+    """
+
+    name: ClassVar[str]
+    order: ClassVar[int]
+    rigid: ClassVar[bool] = False
+    restarts: ClassVar[bool] = True
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        known = SCHEMES.setdefault(cls.name, cls)
+        if known is not cls and known.__qualname__ != cls.__qualname__:
+            raise TypeError(f'two time schemes are called "{cls.name}": {known.__qualname__} and {cls.__qualname__}')
+        SCHEMES[cls.name] = cls
+
+    def check(self) -> None:
+        """ValueError where one of its numbers makes no sense; called on the host, by `build`."""
+
+    def begin(self, state: Moving, acceleration: Callable[[], Array]) -> Array | None:
+        """The accelerations (n, 3) that a first step starts from, or None; `acceleration()`: those of the forces."""
+        return None
+
+    def stage(self, state: Moving, prescribed: Array, free: Array, dt: Array) -> Stage:
+        """Where a step's rows are made. Nodes with `free` (n, 1) false move evenly with `prescribed` (n, 3)."""
+        raise NotImplementedError
+
+    def advance(self, state: Moving, velocities: Array, free: Array, dt: Array) -> tuple[Array, Array | None]:
+        """Positions (n, 3) and accelerations (or None) at the end of a step, from its `velocities` (n, 3)."""
+        raise NotImplementedError
+
+    def slope(self, turn: Array) -> Array:
+        """u = (z - 1) / turn, complex, for the eigenvalue z of a step dt on an undamped mode with `turn` = omega dt."""
+        raise NotImplementedError
+
+
+SCHEMES: dict[str, type[Scheme]] = {}
+"""All time schemes by name."""
+
+
+def scheme_of(given: str | Scheme, dtype: Any, **options: Any) -> Scheme:
+    """The scheme that a name (with `options`, those that are not None) or an object stands for, numbers of `dtype`.
+
+    ValueError names what is not known or makes no sense.
+    """
+    options = {name: value for name, value in options.items() if value is not None}
+    if isinstance(given, str):
+        if given not in SCHEMES:
+            raise ValueError(f"scheme is {given!r}; known: {', '.join(SCHEMES)}")
+        kind = SCHEMES[given]
+    elif isinstance(given, Scheme):
+        kind = type(given)
+    else:
+        raise ValueError(f"scheme is {given!r}; give a name ({', '.join(SCHEMES)}) or a Scheme object")
+    numbers = {field.name for field in dataclasses.fields(kind)}
+    for name in options:
+        if name not in numbers:
+            takes = f"takes {', '.join(sorted(numbers))}" if numbers else "takes no numbers"
+            raise ValueError(f'{name} = {options[name]!r} is no number of the scheme "{kind.name}", which {takes}')
+    scheme = kind(**options) if isinstance(given, str) else given.replace(**options)
+    scheme.check()
+    found: Scheme = jax.tree.map(lambda value: jnp.asarray(value, dtype), scheme)
+    return found
+
+
+def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, rho_inf: Any = None) -> Array:
+    """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
+
+    scheme: a name, "backward_euler" or "generalized_alpha", or an object. `rho_inf`: of schemes that have it, 0.8
+    without it. The shape of `frequencies` comes back; 0 for rigid motions. ValueError for an unknown scheme or
+    impossible numbers.
+    From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|.
+    """
+    known = jnp.asarray(frequencies)
+    known = known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)
+    if isinstance(scheme, str):
+        numbered = scheme in SCHEMES and any(each.name == "rho_inf" for each in dataclasses.fields(SCHEMES[scheme]))
+        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if numbered else {}))
+    _check_damping(known, dt)
+    turn = known * dt
+    slope = scheme.slope(turn)
+    # z = 1 + turn u, and log |z| without the digits that |z| = 1 + small would lose.
+    decay = 0.5 * jnp.log1p(turn * (2 * slope.real + turn * jnp.abs(slope) ** 2))
+    angle = jnp.arctan2(turn * slope.imag, 1 + turn * slope.real)
+    moving = turn > 0
+    return jnp.where(moving, -decay / jnp.hypot(decay, jnp.where(moving, angle, 1)), 0)
+
+
+def _check_damping(frequencies: Any, dt: Any) -> None:
+    """Refuse numbers that make no sense, where they are known; within a compiled function they are not looked at."""
+    if isinstance(frequencies, jax.core.Tracer) or isinstance(dt, jax.core.Tracer):
+        return
+    if not bool(jnp.all(frequencies >= 0)):
+        raise ValueError("frequencies must be 0 or more, in rad/s")
+    if not dt > 0:
+        raise ValueError(f"dt is {dt}; it must be positive, in s")

@@ -1,0 +1,188 @@
+"""A joint kind that this file alone defines: its lock, its fields, its word in scene files, its mechanics."""
+
+import functools
+from dataclasses import field
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxfem as jf
+from jaxfem.declared.errors import checked_direction
+from jaxfem.declared.joints import JOINTS, Joint, Part, frame_along
+from jaxfem.inputs import Direction, Vector, takes
+from jaxfem.io import SceneFileError, load_scene
+from jaxfem.rows.attachments import Frame, relative_spin
+from jaxfem.rows.locks import JointRows, PointLock, spring_rows
+
+
+class CrossLock(JointRows):
+    """The third axes of frames `a` and `b` stay perpendicular: one row."""
+
+    a: Frame
+    b: Frame
+
+    def rows(self, at, values, stage):
+        """Gap: the cosine of their angle; d/dt (p . q) = (w_b - w_a) . (q x p)."""
+        p, q = self.a.axes(at)[:, :, 2], self.b.axes(at)[:, :, 2]
+        triples, spin = relative_spin(self.a, self.b, at)
+        rate = jnp.einsum("mi,mik->mk", jnp.cross(q, p), spin)[:, None]
+        return spring_rows(jnp.sum(p * q, -1, keepdims=True), triples, rate, values, at, stage)
+
+
+class UniversalJoint(Joint, kind="universal"):
+    """A cross (Hooke's joint) at `anchor`: its pins lie along `axis` in a and along `axis_b` in b, perpendicular."""
+
+    anchor: Any = field(default=None, metadata=takes(Vector("m")))
+    axis: Any = field(default=None, metadata=takes(Direction()))
+    axis_b: Any = field(default=None, metadata=takes(Direction()))
+
+    def __post_init__(self):
+        super().__post_init__()
+        pins = [checked_direction(f'{name} of "{self.label}"', getattr(self, name)) for name in ("axis", "axis_b")]
+        if abs(np.dot(*pins)) > 1e-6:
+            raise jf.SceneError(f'pins of "{self.label}" are not perpendicular: turn axis_b')
+
+    def parts(self, bodies, where):
+        """The pins' crossing, and their angle."""
+        points = bodies.point(self.a, self.anchor, where), bodies.point(self.b, self.anchor, where)
+        yield Part("point", PointLock(*points), self.softness)
+        pins = (
+            bodies.frame(self.a, frame_along(self.axis), where),
+            bodies.frame(self.b, frame_along(self.axis_b), where),
+        )
+        yield Part("cross", CrossLock(*pins), self.softness)
+
+
+BEND = 0.6  # between the shafts [rad]
+SHAFT = np.array([np.cos(BEND), 0, np.sin(BEND)])  # of the driven one; the driving one lies along x
+PIN = np.cross(SHAFT, (0, 1, 0))
+RATE, STEP = 2 * np.pi, 2e-3
+FILE = f"""
+gravity = [0, 0, 0]
+[time]
+step = {STEP}
+steps = 1
+[[rigid]]
+name = "driver"
+shape = {{ sphere = 0.1 }}
+mass = 1.0
+position = [-0.5, 0, 0]
+[[rigid]]
+name = "driven"
+shape = {{ sphere = 0.1 }}
+mass = 2.0
+position = {(0.5 * SHAFT).tolist()}
+[[joint]]
+kind = "hinge"
+b = "driver"
+anchor = [-0.5, 0, 0]
+axis = [1, 0, 0]
+motor = {{ target = {RATE}, strength = 1e3 }}
+[[joint]]
+kind = "hinge"
+b = "driven"
+anchor = {(0.5 * SHAFT).tolist()}
+axis = {SHAFT.tolist()}
+[[joint]]
+kind = "universal"
+name = "cardan"
+a = "driver"
+b = "driven"
+anchor = [0, 0, 0]
+axis = [0, 1, 0]
+axis_b = {PIN.tolist()}
+"""
+
+
+def written(folder, text=FILE):
+    path = folder / "shafts.toml"
+    path.write_text(text)
+    return path
+
+
+def shafts():
+    driver = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(-0.5, 0, 0), name="driver")
+    driven = jf.RigidBody(jf.Sphere(0.1), mass=2.0, position=0.5 * SHAFT, name="driven")
+    joints = [
+        jf.HingeJoint(None, driver, (-0.5, 0, 0), (1, 0, 0), motor=jf.Motor(RATE, 1e3)),
+        jf.HingeJoint(None, driven, 0.5 * SHAFT, SHAFT),
+        UniversalJoint(driver, driven, (0, 0, 0), (0, 1, 0), PIN, name="cardan"),
+    ]
+    return jf.Scene([driver, driven], gravity=(0, 0, 0), joints=joints)
+
+
+def angles(states):
+    """How far the shafts have turned, each about its own axis [rad]."""
+    turn = states.rigid.orientations
+    return [2 * jnp.arctan2(turn[..., body, 1:] @ axis, turn[..., body, 0]) for body, axis in enumerate((X, SHAFT))]
+
+
+X = np.array([1.0, 0, 0])
+
+
+def test_a_bent_shaft_turns_unevenly_by_the_law_of_the_universal_joint():
+    """tan(driven) = cos(bend) tan(driver), to the order of (rate step)^2; so its derivative in the driving rate."""
+    model, params, state = jf.build(shafts(), tolerance=1e-13)
+    assert model.joints["cross rigid-rigid"].names == model.joints["point rigid-rigid"].names == ("cardan",)
+    name, steps = "angle motor world-rigid", 400
+
+    @jax.jit
+    @functools.partial(jax.value_and_grad, has_aux=True)
+    def driven_end(factor):
+        motor = params.joints[name]
+        joints = params.joints | {name: motor.replace(target=factor * motor.target)}
+        states, info = jf.rollout(model, params.replace(joints=joints), state, STEP, steps)
+        driver, driven = angles(states)
+        return driven[-1], (driver, driven, info.status)
+
+    (_, (driver, driven, status)), slope = driven_end(1.0)
+    assert not status.any()
+    driver, driven = np.unwrap(driver), np.unwrap(driven)
+    np.testing.assert_allclose(driver, RATE * STEP * np.arange(1, steps + 1), atol=1e-5)
+    expected = np.unwrap(np.arctan2(np.cos(BEND) * np.sin(driver), np.cos(driver)))
+    assert np.abs(expected - driver).max() > 0.09  # it is uneven
+    np.testing.assert_allclose(driven, expected, atol=3e-4)
+
+    share = np.cos(BEND) / (np.cos(driver[-1]) ** 2 + np.cos(BEND) ** 2 * np.sin(driver[-1]) ** 2)
+    assert float(slope) == pytest.approx(share * driver[-1], rel=5e-3)
+    h = 1e-4
+    assert float(slope) == pytest.approx(float(driven_end(1 + h)[0][0] - driven_end(1 - h)[0][0]) / (2 * h), rel=1e-5)
+
+
+def test_a_scene_file_knows_it(tmp_path):
+    scene = load_scene(written(tmp_path)).scene
+    assert type(scene.joints[2]) is UniversalJoint and scene.joints[2].axis == (0.0, 1.0, 0.0)
+    here, there = (jf.build(each, tolerance=1e-12) for each in (shafts(), scene))
+    assert jax.tree.structure(here) == jax.tree.structure(there)
+    jax.tree.map(np.testing.assert_array_equal, here, there)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("axis_b", "axisb", r"unknown key 'axisb' in \[\[joint\]\] 3 \"cardan\" \(universal\): did you mean 'axis_b'"),
+        (f"axis_b = {PIN.tolist()}", "", "missing key 'axis_b'"),
+        (f"axis_b = {PIN.tolist()}", "axis_b = 3", "list of 3 finite numbers"),
+        (f"axis_b = {PIN.tolist()}", "axis_b = [0, 1, 0]", "not perpendicular"),
+        ('"universal"', '"univrsal"', "did you mean 'universal'"),
+    ],
+)
+def test_mistakes_in_its_table_are_named(tmp_path, old, new, message):
+    with pytest.raises((SceneFileError, jf.SceneError), match=message):
+        load_scene(written(tmp_path, FILE.replace(old, new)))
+
+
+def test_what_is_no_kind_of_its_own_is_refused_where_it_is_defined():
+    def parts(self, bodies, where):
+        yield from ()
+
+    with pytest.raises(TypeError, match=r'calls itself joint kind "hinge", which jaxfem\..*HingeJoint is'):
+        type("Pivot", (Joint,), {"parts": parts}, kind="hinge")
+    with pytest.raises(TypeError, match="Empty does not say which rows"):
+        type("Empty", (Joint,), {}, kind="empty")
+    before = JOINTS.words()
+    type("Base", (Joint,), {})
+    assert JOINTS.words() == before and "empty" not in before
