@@ -11,8 +11,8 @@ import pytest
 import scenes
 
 import jaxfem as jf
+from jaxfem.methods.ending import inverted_elements
 from jaxfem.model import nodal_mass
-from jaxfem.stepping.step import inverted_elements
 
 RNG = np.random.default_rng(3)
 FORCE_FREE = (0.0, 0.0, 0.0)
