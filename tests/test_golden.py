@@ -51,15 +51,16 @@ def test_every_case_is_known(golden):
 
 def write():
     """Run every case and write the file; positions are those of each scene's first method."""
-    found = {}
+    found = json.loads(FILE.read_text()) if FILE.exists() else {}
+    found = {name: found[name] for name in found if name in STANDARD}
     for name, each in STANDARD.items():
         runs = {method: each.run(method) for method in each.methods}
         first = runs[each.methods[0]][1]
         counts = {method: int(infos.iterations.sum()) for method, (_, _, infos) in runs.items()}
         found[name] = {"iterations": counts, "positions": np.round(places(first), 10).tolist()}
         print(name, counts, flush=True)
-    lines = [f"{json.dumps(name)}: {json.dumps(each)}" for name, each in found.items()]
-    FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
+        lines = [f"{json.dumps(name)}: {json.dumps(found[name])}" for name in STANDARD if name in found]
+        FILE.write_text("{\n" + ",\n".join(lines) + "\n}\n")
 
 
 if __name__ == "__main__":
