@@ -113,7 +113,7 @@ def test_rows_apply_to_the_rate_of_rotated_strain(strain):
     model, params, state = scenes.beam(strain=strain)
     v = jnp.asarray(RNG.standard_normal(state.positions.shape))
     h = 1e-7
-    for rows in system_of(model, params, state).rows:
+    for rows in system_of(model, params, state).elastic:
         ahead, behind = (measured(rows.domains, state.positions + s * h * v) for s in (1, -1))
         rate = np.asarray(ahead - behind) / (2 * h)
         np.testing.assert_allclose(both_ways(rows, v, rows.bias)[0], rate, atol=1e-6 * np.abs(rate).max())
@@ -181,12 +181,12 @@ def test_materials_by_element_are_averaged_over_each_domain(strain):
     spread = params.replace(
         young=jnp.full(elements, params.young), damping=jnp.full(elements, params.damping), poisson=params.poisson[None]
     )
-    for a, b in zip(system_of(model, params, state).rows, system_of(model, spread, state).rows, strict=True):
+    for a, b in zip(system_of(model, params, state).elastic, system_of(model, spread, state).elastic, strict=True):
         np.testing.assert_allclose(a.compliance, b.compliance, rtol=1e-12)
         np.testing.assert_allclose(a.bias, b.bias, rtol=1e-12, atol=1e-15)
     uneven = params.replace(young=jnp.asarray(RNG.uniform(1e5, 1e6, elements)))
     dt, beta = 1e-2, params.damping
-    for rows in system_of(model, uneven, state).rows:
+    for rows in system_of(model, uneven, state).elastic:
         total = jnp.sum(1 / rows.compliance[-1]) / (dt * (dt + beta))
         shear = 1 / (1 + params.poisson)
         local, shared = bulk_shares(1 / (1 - 2 * params.poisson), shear)
