@@ -15,6 +15,7 @@ SIZE = (0.3, 0.2, 0.1)
 NOTHING = (0.0, 0.0, 0.0)
 
 
+@jax.jit
 def spins(model, params, states):
     return jax.vmap(lambda rigid: angular_momentum(model.rigid, params.rigid.mass, rigid))(states.rigid)[:, 0]
 

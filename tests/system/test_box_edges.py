@@ -23,6 +23,7 @@ def turned(quaternion, by):
     return (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
 
 
+@jax.jit
 def edges_of(model, state):
     return model.contacts["rough rigid-rigid box edges"].pairs(configuration(state))
 
@@ -82,7 +83,6 @@ def test_gaps_are_the_distance_of_the_boxes():
     half, seen = np.array([0.5, 0.1, 0.05]), 0
     corners = np.stack(np.meshgrid(*[[-1, 1]] * 3, indexing="ij"), -1).reshape(-1, 3) * half
     model, _, state = two((0, 0, 0), FLAT)
-    gaps = jax.jit(lambda state: edges_of(model, state))
     for _ in range(200):
         place, quaternion = RNG.normal(size=3) * (0.3, 0.3, 0.1) + (0, 0, 0.25), RNG.normal(size=4)
         rigid = state.rigid.replace(
@@ -90,7 +90,7 @@ def test_gaps_are_the_distance_of_the_boxes():
             orientations=state.rigid.orientations.at[0].set(quaternion / np.linalg.norm(quaternion)),
         )
         moved = state.replace(rigid=rigid)
-        found, turn = gaps(moved), np.asarray(configuration(moved).rotations[0])
+        found, turn = edges_of(model, moved), np.asarray(configuration(moved).rotations[0])
         for k in np.flatnonzero(found.gap < 1):
             gap, n = float(found.gap[k]), np.asarray(found.normal[k])
             along = ((corners @ turn.T + place) @ n).min() - (corners @ n).max()

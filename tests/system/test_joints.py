@@ -25,6 +25,7 @@ def rod(angle, **kwargs):
     )
 
 
+@jax.jit
 def total_energy(model, params, states):
     parts = jax.vmap(lambda s: jf.energies(model, params, s))(states)
     return parts.kinetic + parts.elastic + parts.gravity

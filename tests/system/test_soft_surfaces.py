@@ -1,5 +1,6 @@
 """Surfaces of two soft bodies: what hangs over an edge, and what is kept."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,11 +19,16 @@ def two_cubes(aside, above, **more):
     return jf.build(jf.Scene([lower, upper], contacts=[jf.Contact(upper, lower, friction=0.5)]))
 
 
+@jax.jit
+def pairs_of(group, state):
+    return group.pairs(configuration(state))
+
+
 def pairs_of_upper(model, state):
     """Positions, gaps and normals of the upper cube's nodes: the first half of the candidates."""
     (group,) = model.contacts.values()
     half = len(group.margin) // 2
-    pairs = group.pairs(configuration(state))
+    pairs = pairs_of(group, state)
     places = np.asarray(state.positions[group.points.nodes[:half, 0]])
     return places, np.asarray(pairs.gap)[:half], np.asarray(pairs.normal)[:half]
 
