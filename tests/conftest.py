@@ -1,4 +1,5 @@
-"""Settings of the test process: double precision on (the package itself never sets it), outside data located."""
+"""Settings of the test process: double precision on (the package itself never sets it), compiled programs kept,
+outside data located."""
 
 import os
 import pathlib
@@ -6,11 +7,27 @@ import pathlib
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import jax
+import programs
 import pytest
 
 jax.config.update("jax_enable_x64", True)
 
 SHARED = pathlib.Path(__file__).resolve().parents[1].parent / "shared"
+
+
+def pytest_configure(config):
+    """Before any program is compiled, in the first process and in each worker."""
+    cache = getattr(config, "cache", None)  # absent where pytest runs without its cache
+    programs.keep(pathlib.Path(cache.mkdir("jax")) if cache else None, first=not hasattr(config, "workerinput"))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """`-n` alone steals work: a file's tests stay together, which share programs, until a worker has nothing left."""
+    from xdist.scheduler.worksteal import WorkStealingScheduling
+
+    if config.getvalue("dist") == "load":
+        return WorkStealingScheduling(config, log)
 
 
 def _folder(name: str) -> pathlib.Path:
@@ -34,6 +51,7 @@ def data() -> pathlib.Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def _forget_programs():
-    """Compiled programs pile up to gigabytes a worker; few are shared between test files."""
+    """Compiled programs pile up to gigabytes a worker: those in memory go once they take more than a worker's share."""
     yield
-    jax.clear_caches()
+    if programs.memory() > programs.most_memory():
+        jax.clear_caches()
