@@ -1,7 +1,9 @@
 """Kinds of one thing by the word that scene files call each: classes enter as they are defined."""
 
 import dataclasses
-from collections.abc import Mapping
+import importlib
+import pkgutil
+from collections.abc import Iterable, Mapping
 from typing import Any, Generic, TypeVar
 
 T = TypeVar("T")
@@ -44,6 +46,15 @@ class Registry(Generic[T]):
     def classes(self) -> tuple[type[T], ...]:
         """All classes, each once."""
         return tuple(dict.fromkeys(kind.made for kind in self._kinds.values()))
+
+
+def import_folder(package: str, folder: Iterable[str]) -> None:
+    """Import every module of a package's folder (`__name__`, `__path__`), so that what it defines has entered.
+
+    A new file is all that a new kind needs then.
+    """
+    for module in pkgutil.iter_modules(folder):
+        importlib.import_module(f"{package}.{module.name}")
 
 
 def _place(made: type) -> str:

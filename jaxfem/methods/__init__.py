@@ -6,5 +6,8 @@ from jaxfem.methods.allrows.sweeps import Pgs
 from jaxfem.methods.base import METHODS, Facts, Method, Solved
 from jaxfem.methods.nodes.method import Condensed
 from jaxfem.methods.nonlinear import ImplicitRotations
+from jaxfem.registry import import_folder
 
 __all__ = ["METHODS", "Condensed", "Direct", "Facts", "ImplicitRotations", "Method", "Mprgp", "Pgs", "Solved"]
+
+import_folder(__name__, __path__)

@@ -7,6 +7,7 @@ from jaxfem.declared.joints.hinge import HingeJoint
 from jaxfem.declared.joints.motor import Motor
 from jaxfem.declared.joints.slider import SliderJoint
 from jaxfem.declared.joints.weld import WeldJoint
+from jaxfem.registry import import_folder
 
 __all__ = [
     "JOINTS",
@@ -21,3 +22,5 @@ __all__ = [
     "WeldJoint",
     "frame_along",
 ]
+
+import_folder(__name__, __path__)

@@ -1,5 +1,6 @@
 """Shapes of rigid bodies and ground: mass properties, distance, and the points that touch others."""
 
+from jaxfem.registry import import_folder
 from jaxfem.rigid.shapes.base import SHAPES, MassProperties, Shape
 from jaxfem.rigid.shapes.ground import HeightField, Plane, SignedDistance
 from jaxfem.rigid.shapes.solids import Box, Capsule, Cylinder, Sphere
@@ -18,3 +19,5 @@ __all__ = [
     "Sphere",
     "TriangleMesh",
 ]
+
+import_folder(__name__, __path__)
