@@ -120,10 +120,12 @@ def _newton(X: Array) -> Array:
         g = jnp.sqrt(jnp.sqrt(_square_sum(C) / _square_sum(X)) / det)
         # The barriers keep XLA from working out C and the factors anew for each of nine entries.
         a, c = lax.optimization_barrier((0.5 * g, 0.5 / (g * det)))
-        return a * X + c * C
+        following: Array = a * X + c * C
+        return following
 
     # A loop, not six copies of the step: compiled in a fifth of the time and run twice as fast.
-    return lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
+    R: Array = lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
+    return R
 
 
 def _davenport(F: Components) -> Vector:
@@ -158,7 +160,8 @@ def _jacobi(A: Array) -> tuple[Array, Array]:
         return turned(jnp.swapaxes(turned(A), 0, 1)), turned(V)
 
     V = jnp.broadcast_to(jnp.eye(4, dtype=A.dtype).reshape(4, 4, *(1,) * (A.ndim - 2)), A.shape)
-    return lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))  # type: ignore[no-any-return]
+    found: tuple[Array, Array] = lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))
+    return found
 
 
 def rotation_gap(F: Any, R: Any) -> Array:
@@ -219,7 +222,8 @@ def quaternion_to_matrix(q: Any) -> Array:
     s = 2 / jnp.where(n == 0, 1, n)
     unit, turns = jnp.eye(3, dtype=q.dtype), jnp.asarray(TURNS, q.dtype)
     across = sum((turns[k] * v[..., k : k + 1, :] for k in (1, 2)), start=turns[0] * v[..., :1, :])
-    return (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
+    R: Array = (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
+    return R
 
 
 def _quaternion_matrix(q: Vector) -> Components:
@@ -285,8 +289,9 @@ def _matrix(entry: Callable[[int, int], Array]) -> Components:
     return tuple(tuple(entry(i, j) for j in AXES) for i in AXES)
 
 
-def _where(flag: Array, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda u, v: jnp.where(flag, u, v), yes, no)
+def _where(flag: Any, yes: Any, no: Any) -> Vector:
+    chosen: Vector = jax.tree.map(lambda u, v: jnp.where(flag, u, v), yes, no)
+    return chosen
 
 
 def _transpose_product(A: Components, B: Components) -> Components:
@@ -302,9 +307,9 @@ def _square_sum(X: Any) -> Array:
     return _dot(X[0], X[0]) + _dot(X[1], X[1]) + _dot(X[2], X[2])
 
 
-def _dot(u: Sequence[Array], v: Sequence[Array]) -> Array:
+def _dot(u: Sequence[Array] | Array, v: Sequence[Array] | Array) -> Array:
     return u[0] * v[0] + u[1] * v[1] + u[2] * v[2]
 
 
-def _cross(u: Sequence[Array], v: Sequence[Array]) -> Vector:
+def _cross(u: Sequence[Array] | Array, v: Sequence[Array] | Array) -> Vector:
     return u[1] * v[2] - u[2] * v[1], u[2] * v[0] - u[0] * v[2], u[0] * v[1] - u[1] * v[0]

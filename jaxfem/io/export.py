@@ -157,7 +157,7 @@ class FrameWriter:
             writer.writerow([value if isinstance(value, str) else f"{value:.9g}" for value in row])
             file.flush()
 
-        add(columns)  # type: ignore[arg-type]
+        add(columns)
         return add
 
 
@@ -201,7 +201,8 @@ class _Tracked:
 
     def at(self, positions: np.ndarray) -> np.ndarray:
         """Where the points (q, 3) are when the nodes are at `positions` (n, 3)."""
-        return np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
+        places: np.ndarray = np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
+        return places
 
 
 @jax.jit
