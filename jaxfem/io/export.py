@@ -7,6 +7,7 @@ import os
 import sys
 import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 from xml.sax.saxutils import quoteattr
@@ -15,10 +16,10 @@ import jax
 import numpy as np
 
 from jaxfem.declared.scene import SceneError
-from jaxfem.elements.stress import von_mises_stress
 from jaxfem.energies import energies
+from jaxfem.io.fields import FIELDS, computed
 from jaxfem.mesh import locate
-from jaxfem.model import Model, Params, State, element_stiffness
+from jaxfem.model import Model, Params, State
 
 if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
     import meshio
@@ -30,16 +31,20 @@ OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the m
 
 @dataclasses.dataclass(frozen=True)
 class Frame:
-    """One saved frame: `time` [s], `positions`, `displacement` [m] and `velocity` [m/s] (n, 3), `cells` (E, 4), and of
-    each element (E,) its `body` (number in the scene) and `von_mises` stress [Pa]."""
+    """One saved frame: `time` [s], `positions` (n, 3) [m], `cells` (E, 4), and its `fields` by name, each an attribute
+    too: `displacement` [m] and `velocity` [m/s] (n, 3), of each element (E,) its `body` (number in the scene) and
+    `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`."""
 
     time: float
     positions: np.ndarray
-    displacement: np.ndarray
-    velocity: np.ndarray
     cells: np.ndarray
-    body: np.ndarray
-    von_mises: np.ndarray
+    fields: dict[str, np.ndarray]
+
+    def __getattr__(self, name: str) -> np.ndarray:  # only for what is no attribute of its own
+        fields = vars(self).get("fields", {})
+        if name in fields:
+            return fields[name]  # type: ignore[no-any-return]
+        raise AttributeError(f"the frame has no field {name!r}; it has {', '.join(fields)}")
 
 
 class Saved(NamedTuple):
@@ -98,13 +103,13 @@ class FrameWriter:
         """Write one frame of the state and a row of each table; returns the frame's path."""
         import meshio
 
-        stress, energy = _fields(self.model, self.params, state)
+        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS))
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
             poses = np.concatenate([np.asarray(state.rigid.positions), np.asarray(state.rigid.orientations)], 1)
             self._rigid_row([time, *poses.ravel()])
         path = self.folder / "frames" / f"{self.name}_{len(self.saved):05d}.vtu"
-        mesh = _frame_mesh(self.model, state, np.asarray(stress))
+        mesh = _frame_mesh(self.model, state, {name: np.asarray(each) for name, each in fields.items()})
         with replaced(path) as temporary:
             meshio.write(temporary, mesh, file_format="vtu")
         row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
@@ -161,20 +166,19 @@ class FrameWriter:
         return add
 
 
-def _frame_mesh(model: Model, state: State, stress: np.ndarray) -> "meshio.Mesh":
+def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> "meshio.Mesh":
     """The soft bodies' mesh with its fields or, where there is none, the rigid bodies' centres."""
     import meshio
 
-    kind, cells = "tetra", np.asarray(model.elements.cells, np.int64)
-    places, rest, speeds = state.positions, model.rest, state.velocities
-    body = np.asarray(model.elements.body)
     if not model.bodies and model.rigid is not None and state.rigid is not None:
-        places, rest, speeds = state.rigid.positions, model.rigid.start, state.rigid.velocities
-        kind, cells = "vertex", np.arange(model.rigid.count)[:, None]
-        body, stress = np.arange(model.rigid.count), np.zeros(model.rigid.count)
-    moved = np.asarray(places) - np.asarray(rest)
-    fields = {"displacement": moved, "velocity": np.asarray(speeds)}
-    return meshio.Mesh(np.asarray(places), [(kind, cells)], fields, {"body": [body], "von_mises": [stress]})
+        count, places = model.rigid.count, np.asarray(state.rigid.positions)
+        moved = {"displacement": places - np.asarray(model.rigid.start), "velocity": np.asarray(state.rigid.velocities)}
+        each = {"body": [np.arange(count)], "von_mises": [np.zeros(count)]}
+        return meshio.Mesh(places, [("vertex", np.arange(count)[:, None])], moved, each)
+    cells = [("tetra", np.asarray(model.elements.cells, np.int64))]
+    nodal = {name: value for name, value in fields.items() if FIELDS[name].on == "node"}
+    elementwise = {name: [value] for name, value in fields.items() if FIELDS[name].on == "element"}
+    return meshio.Mesh(np.asarray(state.positions), cells, nodal, elementwise)
 
 
 class _Tracked:
@@ -205,11 +209,10 @@ class _Tracked:
         return places
 
 
-@jax.jit
-def _fields(model: Model, params: Params, state: State) -> tuple[Any, Any]:
-    _, deviatoric = element_stiffness(model, params)
-    stress = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
-    return stress, energies(model, params, state)
+@partial(jax.jit, static_argnames="names")
+def _computed(model: Model, params: Params, state: State, names: tuple[str, ...]) -> tuple[dict[str, Any], Any]:
+    """All fields and the energies of a frame; `names`: of the fields, since a later one has to be compiled too."""
+    return computed(model, params, state), energies(model, params, state)
 
 
 @contextlib.contextmanager
@@ -241,16 +244,7 @@ def read_frame(path: Any, time: float = 0.0) -> Frame:
         raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
     mesh = meshio.read(path)
     cells = {name: values[0] for name, values in mesh.cell_data.items()}
-    points = mesh.point_data
-    return Frame(
-        time,
-        mesh.points,
-        points["displacement"],
-        points["velocity"],
-        mesh.cells[0].data,
-        cells["body"],
-        cells["von_mises"],
-    )
+    return Frame(time, mesh.points, mesh.cells[0].data, {**mesh.point_data, **cells})
 
 
 def _listed(place: np.ndarray) -> str:

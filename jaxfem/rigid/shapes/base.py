@@ -39,7 +39,7 @@ class Shape(Pytree):
             return
         if not (cls.is_solid() or cls.is_obstacle()):
             raise TypeError(f"{cls.__name__} has neither `distance` nor `mass_properties` and `features`: define some")
-        if not inputs_of(cls) and cls.read.__func__ is Shape.read.__func__:  # type: ignore[attr-defined]
+        if not inputs_of(cls) and getattr(cls.read, "__func__", None) is getattr(Shape.read, "__func__", None):
             raise TypeError(f"{cls.__name__} says not what its fields take: give them metadata=takes(...)")
         SHAPES.add(word, cls)
 

@@ -1,0 +1,86 @@
+"""A method that this file alone defines: it counts its steps, and leaves them to another method."""
+
+import dataclasses
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxfem as jf
+from jaxfem.io import load_scene
+from jaxfem.methods import METHODS, Condensed, Method
+
+
+@dataclasses.dataclass(frozen=True)
+class Counted(Method):
+    """Another method's steps, counted in the memory beside that method's own."""
+
+    inner: Any = dataclasses.field(default_factory=Condensed)
+    name: ClassVar[str] = "counted"
+
+    def refuses(self, facts):
+        return self.inner.refuses(facts)
+
+    def plan(self, model, params, state):
+        return self.inner.plan(model, params, state)
+
+    def prepare(self, model, params, state, dt):
+        return self.inner.prepare(model, params, state, dt)
+
+    def start(self, model, params, state):
+        return jnp.zeros((), model.rest.dtype), self.inner.start(model, params, state)
+
+    def step(self, model, params, state, dt, forces, cache):
+        count, memory = state.memory
+        following, info = self.inner.step(model, params, state.replace(memory=memory), dt, forces, cache)
+        return following.replace(memory=(count + 1, following.memory)), info
+
+    def impulses(self, model, memory):
+        return self.inner.impulses(model, memory[1])
+
+
+def cube(solver):
+    mesh = jf.mesh.box((0.1, 0.1, 0.1), 1, origin=(0, 0, 0.001))
+    body = jf.SoftBody(mesh, young=1e5, poisson=0.3, density=1e3, damping=1e-3)
+    return jf.build(jf.Scene([body], contacts=[jf.Contact(body, jf.Plane(), friction=0.0)]), solver=solver)
+
+
+def test_it_steps_as_its_inner_method_and_remembers():
+    (model, params, state), plain = cube("counted"), cube("condensed")
+    assert isinstance(model.method, Counted) and model.choice == ("counted", "asked for")
+    states, info = jf.rollout(model, params, state, 5e-3, 6)
+    expected, other = jf.rollout(*plain, 5e-3, 6)
+    np.testing.assert_array_equal(states.positions, expected.positions)
+    np.testing.assert_array_equal(info.iterations, other.iterations)
+    np.testing.assert_array_equal(states.memory[0], np.arange(1, 7))
+    pushed, wanted = jf.impulses(model, states), jf.impulses(plain[0], expected)
+    assert list(pushed) == list(wanted) == ["contact smooth soft-ground plane 0"]
+    np.testing.assert_array_equal(*(each["contact smooth soft-ground plane 0"] for each in (pushed, wanted)))
+
+
+def test_derivatives_and_lanes_go_through_it():
+    def height(scene, young):
+        model, params, state = scene
+        states, _ = jf.rollout(model, params.replace(young=young), state, 5e-3, 6)
+        return jnp.mean(states.positions[-1, :, 2])
+
+    young = jnp.array([1e5, 2e5])
+    found, expected = (
+        jax.jit(jax.vmap(jax.grad(lambda e, s=s: height(s, e))))(young) for s in map(cube, (Counted(), "auto"))
+    )
+    assert jnp.abs(expected).min() > 0
+    np.testing.assert_allclose(found, expected, rtol=1e-12)
+
+
+def test_it_is_known_by_its_name_and_refuses_what_it_cannot_serve(tmp_path):
+    assert METHODS["counted"] is Counted
+    file = tmp_path / "scene.toml"
+    file.write_text(
+        '[time]\nstep = 0.005\nsteps = 2\n[solver]\nmethod = "counted"\n[[body]]\nmesh = { box = [1, 1, 1], cells = 1 }\n'
+        "young = 2e5\npoisson = 0.3\ndensity = 1000.0\n"
+    )
+    assert load_scene(file).build()[0].method == Counted()
+    with pytest.raises(jf.SceneError, match='solver "counted" works on the nodes of soft bodies'):
+        jf.build(jf.Scene([jf.RigidBody(jf.Sphere(1.0), mass=1.0)]), solver="counted")
