@@ -200,8 +200,8 @@ def elementwise(model: Model, value: Array) -> Array:
 
 
 def element_constants(model: Model, params: Params) -> dict[str, Array]:
-    """The constants by name, each a scalar () where it is one, else one number an element, (E,)."""
-    return {name: elementwise(model, value) for name, value in params.constants.items()}
+    """The laws' constants by name, each a scalar () where it is one, else one number an element, (E,)."""
+    return {name: elementwise(model, value) for name, value in params.constants.items() if name != DENSITY.name}
 
 
 def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:

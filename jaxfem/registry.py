@@ -31,6 +31,9 @@ class Registry(Generic[T]):
             )
         self._kinds[word] = Kind(made, fixed)
 
+    def __contains__(self, word: object) -> bool:
+        return word in self._kinds
+
     def __getitem__(self, word: str) -> Kind[T]:
         return self._kinds[word]
 

@@ -15,6 +15,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxfem.batching import cond_any
+from jaxfem.tensors import array_of
 
 Components = tuple[tuple[Array, ...], ...]
 Vector = tuple[Array, ...]
@@ -58,8 +59,8 @@ def _polar(F: Components) -> Components:
     det, norm2 = _dot(F[0], _cross(F[1], F[2])), _square_sum(F)
     # NaN compares false: such a matrix stays in the fast branch, and stays NaN.
     bad = det <= ORDINARY * norm2 * jnp.sqrt(norm2)
-    R = _newton(_array(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j]))))
-    R = cond_any(jnp.any(bad), lambda R: jnp.where(bad, _array(_quaternion_matrix(_davenport(F))), R), lambda R: R, R)
+    R = _newton(array_of(_matrix(lambda i, j: jnp.where(bad, float(i == j), F[i][j]))))
+    R = cond_any(jnp.any(bad), lambda R: jnp.where(bad, _davenport(F), R), lambda R: R, R)
     return _matrix(lambda i, j: R[i, j])
 
 
@@ -115,7 +116,7 @@ def _solve(B: Components, b: Vector) -> Vector:
 def _newton(X: Array) -> Array:
     def step(_: Any, X: Array) -> Array:
         # X <- (g X + X^-T / g) / 2, X^-T = C / det X, g^2 = |X^-1| / |X|
-        C = lax.optimization_barrier(_array((_cross(X[1], X[2]), _cross(X[2], X[0]), _cross(X[0], X[1]))))
+        C = lax.optimization_barrier(array_of((_cross(X[1], X[2]), _cross(X[2], X[0]), _cross(X[0], X[1]))))
         det = _dot(X[0], C[0])
         g = jnp.sqrt(jnp.sqrt(_square_sum(C) / _square_sum(X)) / det)
         # The barriers keep XLA from working out C and the factors anew for each of nine entries.
@@ -128,15 +129,15 @@ def _newton(X: Array) -> Array:
     return R
 
 
-def _davenport(F: Components) -> Vector:
+def _davenport(F: Components) -> Array:
     # tr(R(q)' F) = q' K q for unit q
     (a, b, c), (d, e, f), (g, h, i) = F
     wx, wy, wz, xy, xz, yz = h - f, c - g, d - b, b + d, c + g, f + h
     K = ((a + e + i, wx, wy, wz), (wx, a - e - i, xy, xz), (wy, xy, e - a - i, yz), (wz, xz, yz, i - a - e))
-    A, V = _jacobi(_array(K))
+    A, V = _jacobi(array_of(K))
     best = jnp.argmax(jnp.stack([A[j, j] for j in range(4)]), axis=0)
-    found = functools.reduce(lambda q, j: jnp.where(best == j, V[j], q), range(1, 4), V[0])
-    return tuple(found)
+    q = functools.reduce(lambda q, j: jnp.where(best == j, V[j], q), range(1, 4), V[0])
+    return jnp.moveaxis(quaternion_to_matrix(jnp.moveaxis(q, 0, -1)), (-2, -1), (0, 1))
 
 
 def _jacobi(A: Array) -> tuple[Array, Array]:
@@ -172,7 +173,7 @@ def rotation_gap(F: Any, R: Any) -> Array:
     """
     M, Q = jax.tree.map(lax.stop_gradient, (_components(F), _components(R)))
     scale = _scale(M)
-    B = _array(_spin_matrix(_transpose_product(Q, _scaled(M, scale))))
+    B = array_of(_spin_matrix(_transpose_product(Q, _scaled(M, scale))))
     # A fourth direction by itself, with a number between the eigenvalues.
     A, _ = _jacobi(jnp.pad(B, ((0, 1), (0, 1), *((0, 0),) * (B.ndim - 2))).at[3, 3].set(B[0, 0]))
     return jnp.maximum(functools.reduce(jnp.minimum, [A[j, j] for j in range(4)]), 0) * scale
@@ -224,15 +225,6 @@ def quaternion_to_matrix(q: Any) -> Array:
     across = sum((turns[k] * v[..., k : k + 1, :] for k in (1, 2)), start=turns[0] * v[..., :1, :])
     R: Array = (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
     return R
-
-
-def _quaternion_matrix(q: Vector) -> Components:
-    w, x, y, z = q
-    n = w * w + x * x + y * y + z * z
-    s = 2 / jnp.where(n == 0, 1, n)
-    xx, yy, zz, xy, xz, yz = s * x * x, s * y * y, s * z * z, s * x * y, s * x * z, s * y * z
-    wx, wy, wz = s * w * x, s * w * y, s * w * z
-    return (1 - (yy + zz), xy - wz, xz + wy), (xy + wz, 1 - (xx + zz), yz - wx), (xz - wy, yz + wx, 1 - (xx + yy))
 
 
 def quaternion_multiply(p: Any, q: Any) -> Array:
@@ -296,11 +288,6 @@ def _where(flag: Any, yes: Any, no: Any) -> Vector:
 
 def _transpose_product(A: Components, B: Components) -> Components:
     return _matrix(lambda i, j: A[0][i] * B[0][j] + A[1][i] * B[1][j] + A[2][i] * B[2][j])
-
-
-def _array(M: Sequence[Sequence[Array]]) -> Array:
-    """(3, 3, ...) from components."""
-    return jnp.stack([jnp.stack(row) for row in M])
 
 
 def _square_sum(X: Any) -> Array:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 
 Array = jax.Array
-Vector3 = Sequence[Array]
+Vector3 = Sequence[Array] | Array
 Matrix3 = Sequence[Sequence[Array]]
 
 _AXES = range(3)

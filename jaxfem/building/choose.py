@@ -64,12 +64,14 @@ def method_asked(solver: Any, rotation_update: str) -> Method | None:
     """The method that `build` was asked for, None for "auto"; SceneError for what is not known."""
     if isinstance(solver, str) and solver != "auto":
         if solver not in METHODS:
-            raise SceneError(f"solver is {solver!r}; known: {', '.join(('auto', *METHODS))}")
-        solver = METHODS[solver]()
+            raise SceneError(f"solver is {solver!r}; known: {', '.join(('auto', *METHODS.words()))}")
+        solver = METHODS[solver].made()
     if solver == "auto":
         return None
     if not isinstance(solver, Method):
-        raise SceneError(f"solver is {solver!r}; give a name ({', '.join(('auto', *METHODS))}) or a Method object")
+        raise SceneError(
+            f"solver is {solver!r}; give a name ({', '.join(('auto', *METHODS.words()))}) or a Method object"
+        )
     return _turning(solver, rotation_update)
 
 

@@ -105,7 +105,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "scheme": scheme,
         "mass": time.choice("mass", MASSES, "lumped"),
         "rotation_update": time.choice("rotation_update", ROTATION_UPDATES, "explicit"),
-        "solver": solver.choice("method", ("auto", *METHODS), "auto"),
+        "solver": solver.choice("method", ("auto", *METHODS.words()), "auto"),
         "tolerance": tolerance,
         "max_iterations": solver.integer("max_iterations", 20_000),
         "precision": solver.choice("precision", PRECISIONS, "float64"),
@@ -118,10 +118,10 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
 
 def _time(top: Table) -> tuple[Table, Scheme]:
     """The [time] table, and the scheme that it names with the numbers that it gives for it."""
-    word = top.table("time", None, "[time]").choice("scheme", tuple(SCHEMES), "backward_euler")
-    numbers = [field.name for field in dataclasses.fields(SCHEMES[word])]
+    word = top.table("time", None, "[time]").choice("scheme", SCHEMES.words(), "backward_euler")
+    numbers = [field.name for field in dataclasses.fields(SCHEMES[word].made)]
     time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
-    return time, SCHEMES[word](**{name: time.number(name) for name in numbers if name in time})
+    return time, SCHEMES[word].made(**{name: time.number(name) for name in numbers if name in time})
 
 
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:

@@ -15,6 +15,7 @@ import jax
 
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
+from jaxfem.registry import Registry
 from jaxfem.schemes import Scheme
 from jaxfem.solvers.status import SolveInfo
 
@@ -60,10 +61,7 @@ class Method(abc.ABC):
         super().__init_subclass__(**kwargs)
         if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
             return
-        known = METHODS.get(cls.name, cls)
-        if known.__qualname__ != cls.__qualname__:
-            raise TypeError(f'two methods are called "{cls.name}": {known.__qualname__} and {cls.__qualname__}')
-        METHODS[cls.name] = cls
+        METHODS.add(cls.name, cls)
 
     def refuses(self, facts: Facts) -> str | None:
         """Why it cannot serve a scene, in words that follow its name, or None."""
@@ -92,5 +90,5 @@ class Method(abc.ABC):
         return OrderedDict()
 
 
-METHODS: dict[str, type[Method]] = {}
+METHODS: Registry["Method"] = Registry("method")
 """All methods by name."""

@@ -94,9 +94,11 @@ def _rows(
     damping = material.damping
     span = reach + follow * damping
     scale = 1 / (domains.row_volumes * weight * span)
-    stiffness = material.weights(domains)
-    scales = list(scale) if scale.ndim == 2 else [scale] * len(stiffness)
-    compliance = jnp.stack([s / w for s, w in zip(scales, stiffness, strict=True)])
+    if scale.ndim == 2:
+        parts = [s / w for s, w in zip(scale, material.weights(domains), strict=True)]
+    else:
+        parts = [scale / material.volumetric, *[scale / material.deviatoric] * 5][domains.rows]
+    compliance = jnp.stack(parts)
     rows = ElasticRows(domains, array_of(rotation), compliance, jnp.stack(strain), stage.base.shape[0])
     known = rows.bias if material.offset is None else rows.bias + material.offset
     if stage.ahead is not None and stage.before is not None:

@@ -15,6 +15,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
+from jaxfem.registry import Registry
 
 Array = jax.Array
 
@@ -85,10 +86,7 @@ class Scheme(Pytree):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        known = SCHEMES.setdefault(cls.name, cls)
-        if known is not cls and known.__qualname__ != cls.__qualname__:
-            raise TypeError(f'two time schemes are called "{cls.name}": {known.__qualname__} and {cls.__qualname__}')
-        SCHEMES[cls.name] = cls
+        SCHEMES.add(cls.name, cls)
 
     def check(self) -> None:
         """ValueError where one of its numbers makes no sense; called on the host, by `build`."""
@@ -110,7 +108,7 @@ class Scheme(Pytree):
         raise NotImplementedError
 
 
-SCHEMES: dict[str, type[Scheme]] = {}
+SCHEMES: Registry["Scheme"] = Registry("time scheme")
 """All time schemes by name."""
 
 
@@ -122,12 +120,12 @@ def scheme_of(given: str | Scheme, dtype: Any, **options: Any) -> Scheme:
     options = {name: value for name, value in options.items() if value is not None}
     if isinstance(given, str):
         if given not in SCHEMES:
-            raise ValueError(f"scheme is {given!r}; known: {', '.join(SCHEMES)}")
-        kind = SCHEMES[given]
+            raise ValueError(f"scheme is {given!r}; known: {', '.join(SCHEMES.words())}")
+        kind = SCHEMES[given].made
     elif isinstance(given, Scheme):
         kind = type(given)
     else:
-        raise ValueError(f"scheme is {given!r}; give a name ({', '.join(SCHEMES)}) or a Scheme object")
+        raise ValueError(f"scheme is {given!r}; give a name ({', '.join(SCHEMES.words())}) or a Scheme object")
     numbers = {field.name for field in dataclasses.fields(kind)}
     for name in options:
         if name not in numbers:
@@ -150,8 +148,8 @@ def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, rho_inf: Any
     known = jnp.asarray(frequencies)
     known = known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)
     if isinstance(scheme, str):
-        numbered = scheme in SCHEMES and any(each.name == "rho_inf" for each in dataclasses.fields(SCHEMES[scheme]))
-        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if numbered else {}))
+        numbers = [each.name for each in dataclasses.fields(SCHEMES[scheme].made)] if scheme in SCHEMES else []
+        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if "rho_inf" in numbers else {}))
     _check_damping(known, dt)
     turn = known * dt
     slope = scheme.slope(turn)

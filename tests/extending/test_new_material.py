@@ -53,7 +53,7 @@ def test_it_moves_as_the_built_in_law_does_alone_and_beside_it(strain):
     own, other, mixed = beam(strain), beam(strain, own=False), beam(strain, own=True, second=False)
     assert len(mixed[0].domains) == 2 * len(own[0].domains)
     assert set(mixed[1].constants) == {"shear", "bulk", "loss", "young", "poisson", "damping", "density"}
-    paths = [jf.rollout(*scene, DT, 10)[0].positions for scene in (own, other, mixed)]
+    paths = [jf.rollout(*scene, DT, 8)[0].positions for scene in (own, other, mixed)]
     size = np.abs(paths[1] - other[2].positions).max()
     assert size > 1e-3
     np.testing.assert_allclose(paths[0], paths[1], atol=1e-12)
@@ -282,7 +282,7 @@ def test_a_law_with_a_memory_agrees_with_a_computation_by_hand(name):
         x, v, memory = hand_step(name, x, v, memory)
         assert int(info.status) == 0
         np.testing.assert_allclose(state.positions, x, atol=1e-11)
-    assert np.abs(np.asarray(state.internal[0]["strain"] if "maxwell" in name else state.internal[0])).max() > 1e-3
+    assert np.abs(np.asarray(state.internal[0]["strain"] if "maxwell" in name else state.internal[0])).max() > 1e-4
 
 
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
@@ -290,10 +290,8 @@ def test_memories_on_every_kind_of_domains_beside_bodies_without(strain):
     """No share, no flow: the plain law, step for step; a body without a memory remembers nothing; derivatives."""
     laws = [Maxwell(share=BRANCH, relaxation=TAU, **OWN), Creep(creep=FLOW, **OWN), ShearBulk(**OWN)]
     meshes = [jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1), origin=(0, 0.1 * k, 0), name=f"beam{k}") for k in range(3)]
-    bodies = [
-        jf.SoftBody(m, density=1e3, material=law, fixed="x-", strain=strain)
-        for m, law in zip(meshes, laws, strict=True)
-    ]
+    shared = {"density": 1e3, "fixed": "x-", "strain": strain}
+    bodies = [jf.SoftBody(mesh, material=law, **shared) for mesh, law in zip(meshes, laws, strict=True)]
     model, params, state = jf.build(jf.Scene(bodies), tolerance=1e-13)
     assert [each is None for each in state.internal] == [type(each.law) is ShearBulk for each in model.domains]
 

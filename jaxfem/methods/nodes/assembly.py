@@ -77,7 +77,8 @@ def assemble_rows(
         turned = turned_gradients(each.domains, each.rotation)
         if each.domains.clusters is not None:
             weight = 1 / (3 * each.compliance[0])
-            factors.append(clustered(factors.pop(), each.domains, turned, weight, free, pattern))
+            before = sum(factor.shared is not None for factor in factors)
+            factors.append(clustered(factors.pop(), each.domains, turned, weight, free, pattern, before))
         elif each.domains.volumetric:
             factors.append(domain_factor(turned, 1 / (3 * each.compliance[0]), free, pattern, number))
         else:
@@ -123,7 +124,8 @@ def assemble_tangent(
         turned = turned_gradients(each, rotation)
         spin = _spin(each, positions, rotation, lam, mu) if exact else None
         if each.clusters is not None:
-            factors.append(clustered(factors.pop(), each, turned, lam, free, pattern, spin))
+            before = sum(factor.shared is not None for factor in factors)
+            factors.append(clustered(factors.pop(), each, turned, lam, free, pattern, before, spin))
         elif each.volumetric:
             factors.append(domain_factor(turned, lam, free, pattern, number, spin))
         else:

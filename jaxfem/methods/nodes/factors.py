@@ -114,11 +114,15 @@ def clustered(
     weight: Array,
     free: Array,
     pattern: Pattern,
+    number: int,
     spin: Array | None = None,
 ) -> Factor:
-    """The factor of local volumetric rows, with the shared ones of the same domains added; `weight` (C,)."""
+    """The factor of local volumetric rows, with the shared ones of the same domains added; `weight` (C,).
+
+    `number`: how many kinds with clusters come before these; there is one for each material law.
+    """
     assert domains.clusters is not None
-    (touching,) = pattern.touching
+    touching = pattern.touching[number]
     moving = jnp.append(free[domains.clusters.slot_node], 0.0)
     arms = cluster_arms(domains, turned) * moving[:, None]
     if spin is not None and factor.spin is not None:
