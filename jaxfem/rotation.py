@@ -121,8 +121,7 @@ def _newton(X: Array) -> Array:
         g = jnp.sqrt(jnp.sqrt(_square_sum(C) / _square_sum(X)) / det)
         # The barriers keep XLA from working out C and the factors anew for each of nine entries.
         a, c = lax.optimization_barrier((0.5 * g, 0.5 / (g * det)))
-        following: Array = a * X + c * C
-        return following
+        return jnp.add(a * X, c * C)
 
     # A loop, not six copies of the step: compiled in a fifth of the time and run twice as fast.
     R: Array = lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
@@ -282,8 +281,7 @@ def _matrix(entry: Callable[[int, int], Array]) -> Components:
 
 
 def _where(flag: Any, yes: Any, no: Any) -> Vector:
-    chosen: Vector = jax.tree.map(lambda u, v: jnp.where(flag, u, v), yes, no)
-    return chosen
+    return tuple(jnp.where(flag, u, v) for u, v in zip(yes, no, strict=True))
 
 
 def _transpose_product(A: Components, B: Components) -> Components:
