@@ -1,4 +1,5 @@
-"""Settings of the test process: double precision (the package never sets it), shapes checked, outside data located."""
+"""Settings of the test process: double precision (the package never sets it), shapes checked, compiled programs kept,
+outside data located."""
 
 import importlib.util
 import os
@@ -7,6 +8,7 @@ import pathlib
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import jax
+import programs
 import pytest
 
 jax.config.update("jax_enable_x64", True)
@@ -17,6 +19,21 @@ if all(importlib.util.find_spec(name) for name in ("jaxtyping", "beartype")):  #
     contracts.install()
 
 SHARED = pathlib.Path(__file__).resolve().parents[1].parent / "shared"
+
+
+def pytest_configure(config):
+    """Before any program is compiled, in the first process and in each worker."""
+    cache = getattr(config, "cache", None)  # absent where pytest runs without its cache
+    programs.keep(pathlib.Path(cache.mkdir("jax")) if cache else None, first=not hasattr(config, "workerinput"))
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config, log):
+    """`-n` alone steals work: a file's tests stay together, which share programs, until a worker has nothing left."""
+    from xdist.scheduler.worksteal import WorkStealingScheduling
+
+    if config.getvalue("dist") == "load":
+        return WorkStealingScheduling(config, log)
 
 
 def _folder(name: str) -> pathlib.Path:
@@ -40,6 +57,7 @@ def data() -> pathlib.Path:
 
 @pytest.fixture(autouse=True, scope="module")
 def _forget_programs():
-    """Compiled programs pile up to gigabytes a worker; few are shared between test files."""
+    """Compiled programs pile up to gigabytes a worker: those in memory go once they take more than a worker's share."""
     yield
-    jax.clear_caches()
+    if programs.memory() > programs.most_memory():
+        jax.clear_caches()

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxfem as jf
 from jaxfem.model import nodal_mass
@@ -57,10 +58,17 @@ def test_displacements_converge_in_second_order(strain):
     assert abs(np.log2(coarse / fine) - 2) < 0.2
 
 
-LOCKING_FREE = {0.3: 7.056, 0.45: 6.875, 0.499: 6.786}  # mm, Q2/Q1 elements of an outside library
+OUTSIDE = scenes.outside("clamped_beams")
+LOCKING_FREE = OUTSIDE["sag"]["values"]  # mm, by Poisson's ratio
 
 
-@pytest.mark.parametrize(("cells", "limits"), [((10, 3, 3), (0.02, 0.05, 0.09)), ((20, 6, 6), (0.01, 0.015, 0.03))])
+@pytest.mark.parametrize(
+    ("cells", "limits"),
+    [
+        ((10, 3, 3), (0.02, 0.05, 0.09)),
+        pytest.param((20, 6, 6), (0.01, 0.015, 0.03), marks=pytest.mark.slow),
+    ],
+)
 def test_smoothed_beam_sags_as_without_locking(cells, limits):
     mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12)
     body = jf.SoftBody(mesh, 263824.0, 0.3, 1070.0, fixed="x-", strain="smoothed")
@@ -68,10 +76,11 @@ def test_smoothed_beam_sags_as_without_locking(cells, limits):
     weight = np.asarray(nodal_mass(model, params.density)[:, None] * jnp.array([0, 0, -9.80709]))
     tip = mesh.points[:, 0] > 0.1 - 1e-9
     for (poisson, sag), limit in zip(LOCKING_FREE.items(), limits, strict=True):
-        found = host.linear_statics(model, params.replace(poisson=jnp.asarray(poisson)), weight)
+        found = host.linear_statics(model, params.replace(poisson=jnp.asarray(float(poisson))), weight)
         assert abs(-1e3 * found[tip, 2].mean() / sag - 1) < limit
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("tets", "limit"), [(6, 0.065), (12, 0.03)])
 def test_smoothed_block_does_not_lock(tets, limit):
     """Bonded block pressed by 5 %: the reaction, against locking-free values from outside."""
@@ -80,23 +89,15 @@ def test_smoothed_block_does_not_lock(tets, limit):
     body = jf.SoftBody(mesh, 1e6, 0.3, 1000.0, fixed=low | high, strain="smoothed")
     model, params, _ = jf.build(jf.Scene([body]))
     held = -0.05 * high[:, None] * np.array([0, 0, 1.0])
-    for poisson, expected, allowed in ((0.3, 53195, 0.006), (0.499, 61589, limit)):
-        own = params.replace(poisson=jnp.asarray(poisson))
+    reactions = OUTSIDE["pressed block"]["values"]
+    for (poisson, expected), allowed in zip(reactions.items(), (0.006, limit), strict=True):
+        own = params.replace(poisson=jnp.asarray(float(poisson)))
         found = host.linear_statics(model, own, np.zeros_like(held), held)
         reaction = (host.stiffness(model, own) @ found.ravel()).reshape(-1, 3)[low, 2].sum()
         assert abs(abs(reaction) / expected - 1) < allowed
 
 
-# P L^2/EI of a tip load, w L^3/EI of the own weight: where the tip of the inextensible elastica goes, along and down.
-ELASTICA = {
-    (0.5, 0): (0.9840810, 0.1621436),
-    (2.0, 0): (0.8393583, 0.4934575),
-    (10.0, 0): (0.4450044, 0.8106090),
-    (0, 1.0): (0.9912464, 0.1234714),
-    (0, 10.0): (0.6563538, 0.7001997),
-}
-
-
+@pytest.mark.slow
 def test_smoothed_elastica():
     """A 20:1 beam bent by a load at its tip or by its own weight, through large rotations; EI = 1 N m^2, 1 m long."""
     thickness = 0.05
@@ -105,7 +106,7 @@ def test_smoothed_elastica():
     body = jf.SoftBody(mesh, 12 / thickness**4, 0.3, 1.0, fixed="x-", loads=[load], strain="smoothed")
     model, params, state = jf.build(jf.Scene([body]))
     down = jnp.array([0.0, 0.0, -1 / thickness**2])
-    for (tip_load, weight), (along, below) in ELASTICA.items():
+    for (tip_load, weight), (along, below) in OUTSIDE["elastica"]["values"]:
         own = params.replace(loads=(tip_load * down,), gravity=weight * down)
         rest, info = jf.equilibrium(model, own, state)
         assert info.status == 0 and info.inverted == 0
@@ -126,6 +127,7 @@ def free_cube(strain, cells, tets):
     return model, params
 
 
+@pytest.mark.slow
 def test_smoothed_free_cube_has_the_right_frequencies():
     """No mode of the mesh lies among the lowest six that are not rigid."""
     model, params = free_cube("smoothed", 6, 12)

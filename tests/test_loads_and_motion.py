@@ -1,5 +1,6 @@
 """Declared loads and prescribed motion: resultants, work, and what nodes do."""
 
+import derivatives
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -89,6 +90,7 @@ def test_driven_nodes_follow_their_motion():
     np.testing.assert_allclose(states.positions[-1][held], np.asarray(model.rest)[held], atol=1e-15)
 
 
+@pytest.mark.slow
 def test_derivative_in_a_motion_and_in_a_load():
     motion = jf.Motion(amplitude=(0, 0.01, 0), frequency=2.0)
     body = jf.SoftBody(
@@ -101,22 +103,20 @@ def test_derivative_in_a_motion_and_in_a_load():
     )
     model, params, state = jf.build(jf.Scene([body]), tolerance=1e-13)
 
-    @jax.jit
-    def loss(params):
-        return 1e3 * jnp.sum(jf.rollout(model, params, state, 1e-2, 5)[0].positions[-1] ** 2)
-
-    def shifted(h):
+    def loss(h):
         (old,) = params.motions
-        return params.replace(motions=(old.replace(frequency=old.frequency + h),), loads=(params.loads[0] + 100 * h,))
+        own = params.replace(motions=(old.replace(frequency=old.frequency + h),), loads=(params.loads[0] + 100 * h,))
+        return 1e3 * jnp.sum(jf.rollout(model, own, state, 1e-2, 5)[0].positions[-1] ** 2)
 
+    everything = jax.jit(lambda h: derivatives.with_slopes(loss, h, direction=(jnp.ones(()),)))
     zero = jnp.zeros(())
-    forward = jax.jvp(lambda h: loss(shifted(h)), (zero,), (zero + 1,))[1]
-    backward = jax.grad(lambda h: loss(shifted(h)))(zero)
-    central = (loss(shifted(1e-5)) - loss(shifted(-1e-5))) / 2e-5
+    _, forward, (backward,) = everything(zero)
+    central = (everything(zero + 1e-5)[0] - everything(zero - 1e-5)[0]) / 2e-5
     np.testing.assert_allclose(forward, backward, rtol=1e-10)
     np.testing.assert_allclose(forward, central, rtol=1e-6)
 
 
+@pytest.mark.slow
 def test_float32_driven_nodes_do_not_drift():
     """Two thousand steps of a shake: rounding of increments would add up; places do not."""
     motion = jf.Motion(amplitude=(0, 0.01, 0), frequency=2.0)

@@ -73,6 +73,7 @@ def make_recording(path: pathlib.Path) -> None:
     write_recording(path, jf.Recording(1e-2 * np.arange(len(places)), places, markers.names))
 
 
+@pytest.mark.slow
 def test_the_code_runs(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     make_recording(tmp_path / "recording.csv")
@@ -96,6 +97,7 @@ def test_the_files_load(tmp_path):
     assert recording.seen.sum() == 3 and attach(model, fit.places).names == recording.names
 
 
+@pytest.mark.slow
 @pages
 def test_the_code_of_a_page_runs(page, settings, tmp_path, monkeypatch):
     """All blocks of a page in order, as one program, in an empty folder and without the user's own."""

@@ -12,6 +12,7 @@ from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_m
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
+from jaxfem.declared.errors import checked_choice
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind
@@ -62,8 +63,8 @@ def build(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
-    _check_choice("mass", mass, MASSES)
-    _check_choice("rotation_update", rotation_update, ROTATION_UPDATES)
+    checked_choice("mass", mass, MASSES)
+    checked_choice("rotation_update", rotation_update, ROTATION_UPDATES)
     asked = method_asked(solver, rotation_update)
     dtype = jnp.dtype(jnp.zeros(()).dtype if dtype is None else dtype)
     _check_numbers(dtype, tolerance, max_iterations)
@@ -237,11 +238,6 @@ def _check_disjoint(driven: Sequence[np.ndarray]) -> None:
     unique, counts = np.unique(together, return_counts=True)
     if (counts > 1).any():
         raise SceneError(f"node {unique[counts > 1][0]} follows two prescribed motions; give each node at most one")
-
-
-def _check_choice(what: str, value: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise SceneError(f"{what} is {value!r}; known: {', '.join(known)}")
 
 
 def _check_numbers(dtype: Any, tolerance: float | None, max_iterations: int) -> None:

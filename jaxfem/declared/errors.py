@@ -1,5 +1,6 @@
 """The error of a declaration that cannot be right, and checks that several declarations share."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -43,3 +44,9 @@ def checked_number(what: str, value: Any, low: float = -np.inf, high: float = np
     if not (low <= number <= high) or (open_low and number == low):
         raise SceneError(f"{what} is {number:g}; it must be {wanted}")
     return number
+
+
+def checked_choice(what: str, value: Any, known: Sequence[str], error: type[ValueError] = SceneError) -> None:
+    """Refuse a word that is not one of those `known`; `error` names `what`."""
+    if value not in known:
+        raise error(f"{what} is {value!r}; known: {', '.join(known)}")

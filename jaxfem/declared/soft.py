@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.declared.errors import SceneError
+from jaxfem.declared.errors import SceneError, checked_choice
 from jaxfem.declared.loads import Load
 from jaxfem.elements.smoothing import STRAINS
 from jaxfem.elements.tetra import RotationKind
@@ -60,8 +60,8 @@ class SoftBody:
             )
         label = self.label
         self._check_material()
-        _check_choice(label, "strain", self.strain, tuple(STRAINS))
-        _check_choice(label, "rotation", self.rotation, ROTATIONS)
+        checked_choice(f'strain of "{label}"', self.strain, tuple(STRAINS))
+        checked_choice(f'rotation of "{label}"', self.rotation, ROTATIONS)
         self.nodes_of("fixed", self.fixed)
         self._check_velocity()
         _check_kind(label, "driven", self.driven, Driven, "driven=[Driven(nodes, Motion(...))]")
@@ -136,11 +136,6 @@ class SoftBody:
             raise SceneError(
                 f'velocity of "{self.label}" has shape {velocity.shape}; give three finite numbers, or ({count}, 3)'
             )
-
-
-def _check_choice(label: str, what: str, value: str, known: Sequence[str]) -> None:
-    if value not in known:
-        raise SceneError(f'{what} of "{label}" is {value!r}; known: {", ".join(known)}')
 
 
 def _check_kind(label: str, what: str, given: Any, kind: Any, example: str) -> None:

@@ -3,11 +3,12 @@
 from typing import Literal
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.pytrees import Pytree
 from jaxfem.rotation import gram_schmidt_components, polar_components
-from jaxfem.tensors import Matrix3, product, symmetric, to_eigenbasis, transposed
+from jaxfem.tensors import Matrix3, matrix_of, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 RotationKind = Literal["polar", "gram_schmidt"]
@@ -35,28 +36,23 @@ def shape_gradients(points: np.ndarray, cells: np.ndarray) -> tuple[np.ndarray, 
     return np.concatenate([-inverse.sum(1, keepdims=True), inverse], axis=1), np.linalg.det(edges) / 6
 
 
-def corner_differences(elements: Elements, field: Array) -> list[list[Array]]:
-    """`field` (n, 3) at corners 1, 2, 3 less its value at corner 0: [corner][axis] of arrays (E,).
+def tetra_gradient(cells: Array, gradients: Array, field: Array) -> Matrix3:
+    """Gradient of a nodal field (n, 3) in tetrahedra: sum_a field_a (x) grad N_a, as components (E,).
 
-    Differences, because rigid motion then cancels before it is multiplied: float32 depends on it.
+    `cells` (E, 4), `gradients` (4, 3, E). From differences to the first corner: rigid motion cancels before it is
+    multiplied, and float32 depends on that.
     """
-    corners = [field[elements.cells[:, a]] for a in range(4)]
-    return [[(corners[a] - corners[0])[:, i] for i in range(3)] for a in (1, 2, 3)]
-
-
-def gradient_of(elements: Elements, field: Array) -> Matrix3:
-    """Gradient of a nodal field (n, 3) in each element: sum_a field_a (x) grad N_a, as components (E,)."""
-    differences = corner_differences(elements, field)
-    g = elements.gradients
-    return [
-        [differences[0][i] * g[1, j] + differences[1][i] * g[2, j] + differences[2][i] * g[3, j] for j in range(3)]
-        for i in range(3)
-    ]
+    # Written out: twice as fast on a CPU as a product. The barrier keeps XLA from gathering anew for each entry.
+    along = field.T
+    corners = jnp.stack([along[i][cells.T] for i in range(3)])
+    difference = jax.lax.optimization_barrier(corners[:, 1:] - corners[:, :1])
+    parts = (difference[:, a, None] * gradients[a + 1] for a in (1, 2))
+    return matrix_of(sum(parts, start=difference[:, 0, None] * gradients[1]))
 
 
 def deformation_gradient(elements: Elements, positions: Array) -> Matrix3:
     """F = dx/dX of each element, as components (E,)."""
-    return gradient_of(elements, positions)
+    return tetra_gradient(elements.cells, elements.gradients, positions)
 
 
 def rotation_of(deformation: Matrix3, kind: RotationKind) -> Matrix3:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxfem.declared.errors import checked_choice
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.frames import check_frame, rigid_fit
 from jaxfem.fitting.recording import FEW, Recording, release_row, settled_row
@@ -43,8 +44,8 @@ def measurement(
 
     `nominal` (M, 3): the markers' places on the body at the start. `frame`, `compare`, `release`, `end` as in `fit`.
     """
-    _check_choice("frame", frame, FRAMES)
-    _check_choice("compare", compare, COMPARISONS)
+    checked_choice("frame", frame, FRAMES, FitError)
+    checked_choice("compare", compare, COMPARISONS, FitError)
     first = release_index(recording, release)
     last = _end(recording, end, first)
     if last - first < 2:
@@ -118,8 +119,3 @@ def _origin(recording: Recording, still: slice, first: int) -> tuple[np.ndarray,
     for marker in np.flatnonzero(counts):
         origin[marker] = np.median(recording.positions[still][seen[:, marker], marker], axis=0)
     return origin, counts
-
-
-def _check_choice(what: str, value: str, known: tuple[str, ...]) -> None:
-    if value not in known:
-        raise FitError(f"{what} is {value!r}; known: {', '.join(known)}")

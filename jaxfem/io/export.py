@@ -41,9 +41,9 @@ class Frame:
     fields: dict[str, np.ndarray]
 
     def __getattr__(self, name: str) -> np.ndarray:  # only for what is no attribute of its own
-        fields = vars(self).get("fields", {})
+        fields: dict[str, np.ndarray] = vars(self).get("fields", {})
         if name in fields:
-            return fields[name]  # type: ignore[no-any-return]
+            return fields[name]
         raise AttributeError(f"the frame has no field {name!r}; it has {', '.join(fields)}")
 
 

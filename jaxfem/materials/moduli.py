@@ -1,7 +1,6 @@
 """Isotropic linear elasticity: its constants from Young's modulus and Poisson's ratio, and back."""
 
 import jax
-import jax.numpy as jnp
 
 Array = jax.Array
 
@@ -16,11 +15,6 @@ def bulk_modulus(young: Array, poisson: Array) -> Array:
     return young / (3 * (1 - 2 * poisson))
 
 
-def lame(young: Array, poisson: Array) -> tuple[Array, Array]:
-    """First and second Lame constants (lambda, mu) [Pa]."""
-    return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), shear_modulus(young, poisson)
-
-
 def eigenstiffness(young: Array, poisson: Array) -> tuple[Array, Array]:
     """The two distinct eigenvalues of the isotropic stiffness in the Kelvin-Mandel basis, (3K, 2 mu) [Pa]."""
     return 3 * bulk_modulus(young, poisson), 2 * shear_modulus(young, poisson)
@@ -30,8 +24,3 @@ def ratio_and_modulus(volumetric: Array, deviatoric: Array) -> tuple[Array, Arra
     """Poisson's ratio and Young's modulus [Pa] of the eigenvalues (3K, 2 mu): the inverse of `eigenstiffness`."""
     total = 2 * volumetric + deviatoric
     return (volumetric - deviatoric) / total, 3 * volumetric * deviatoric / total
-
-
-def critical_damping(frequency: Array) -> Array:
-    """The beta [s] that damps a mode of `frequency` [Hz] critically: damping ratio beta omega / 2 = 1."""
-    return 1 / (jnp.pi * frequency)

@@ -17,6 +17,7 @@ def folder(tmp_path_factory):
     return folder
 
 
+@pytest.mark.slow
 def test_every_tolerance_is_measured_and_the_error_follows_it(folder):
     found = json.loads((folder / "bench.json").read_text())
     rows = found["rows"]
@@ -29,6 +30,7 @@ def test_every_tolerance_is_measured_and_the_error_follows_it(folder):
         assert (row["compile_s"] is not None) == (row["tolerance"] == 1e-4) == (row["gradient_ratio"] is not None)
 
 
+@pytest.mark.slow
 def test_the_table_and_plot_say_the_same(folder):
     with (folder / "bench.csv").open() as file:
         rows = list(csv.DictReader(file))

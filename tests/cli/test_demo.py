@@ -3,11 +3,14 @@
 import argparse
 import json
 
+import pytest
+
 from jaxfem.cli import demo
 from jaxfem.cli.main import main, parser
 from jaxfem.fitting import read_recording
 
 
+@pytest.mark.slow
 def test_the_demo_runs_through_and_leaves_its_files(tmp_path, capsys):
     args = argparse.Namespace(out=str(tmp_path), seed=1, cells=(4, 1, 1), steps=50)
     assert demo.run(args) == 0

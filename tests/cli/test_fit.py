@@ -47,6 +47,7 @@ def folder(tmp_path_factory):
     return where
 
 
+@pytest.mark.slow
 def test_files_in_values_tables_and_plots_out(folder, capsys):
     assert main(["fit", str(folder / "fit.toml")]) == 0
     told = capsys.readouterr()
@@ -93,6 +94,7 @@ def test_settings_are_read(folder):
     assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.settings["end"] == "settled"
 
 
+@pytest.mark.slow
 def test_the_example_of_the_real_beam(data, tmp_path, capsys):
     """The example's own files on a coarser mesh: a stiffness and a frequency of the right size."""
     scene = (EXAMPLES / "real_beam_scene.toml").read_text().replace("cells = [10, 3, 3]", "cells = [5, 1, 1]")

@@ -48,6 +48,7 @@ def beam(strain="element", own=True, second=None, **settings):
     return jf.build(jf.Scene(bodies), tolerance=1e-13, **settings)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
 def test_it_moves_as_the_built_in_law_does_alone_and_beside_it(strain):
     own, other, mixed = beam(strain), beam(strain, own=False), beam(strain, own=True, second=False)
@@ -76,6 +77,7 @@ def test_statics_modes_stress_and_energies_know_it():
     np.testing.assert_allclose(frequencies[0], frequencies[1], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_derivatives_in_its_constants():
     model, params, state = beam()
 
@@ -129,6 +131,7 @@ def test_scene_files_name_it(tmp_path):
             load_scene(path)
 
 
+@pytest.mark.slow
 def test_a_fit_recovers_its_constant():
     model, params, state = beam()
     markers = attach(model, {"tip": (0.1, 0.015, 0.03), "middle": (0.05, 0.015, 0.03), "side": (0.07, 0.0, 0.01)})
@@ -285,6 +288,7 @@ def test_a_law_with_a_memory_agrees_with_a_computation_by_hand(name):
     assert np.abs(np.asarray(state.internal[0]["strain"] if "maxwell" in name else state.internal[0])).max() > 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
 def test_memories_on_every_kind_of_domains_beside_bodies_without(strain):
     """No share, no flow: the plain law, step for step; a body without a memory remembers nothing; derivatives."""

@@ -60,6 +60,7 @@ def test_it_steps_as_its_inner_method_and_remembers():
     np.testing.assert_array_equal(*(each["contact smooth soft-ground plane 0"] for each in (pushed, wanted)))
 
 
+@pytest.mark.slow
 def test_derivatives_and_lanes_go_through_it():
     def height(scene, young):
         model, params, state = scene

@@ -60,6 +60,7 @@ def swing(scene, steps):
     return np.asarray(state.positions), state
 
 
+@pytest.mark.slow
 def test_it_is_of_second_order_and_keeps_energy():
     damped, counts = beam("midpoint", damping=2e-3), (32, 64, 128)
     exact = swing(damped, 1024)[0]
@@ -92,6 +93,7 @@ def test_it_is_known_by_its_name_everywhere(tmp_path):
         jf.build(jf.Scene([jf.RigidBody(jf.Sphere(1.0), mass=1.0)]), scheme="midpoint")
 
 
+@pytest.mark.slow
 def test_derivatives_go_through_it():
     model, params, state = beam(Midpoint(), damping=1e-3)
 

@@ -91,6 +91,7 @@ def test_a_ball_rolls_down_a_rigid_cone_whose_centre_of_mass_is_not_its_origin()
     check_rolling(states.rigid.positions[:, 0] - on_side(HILL[1])[0], states.rigid.angular_velocities[:, 0])
 
 
+@pytest.mark.slow
 def test_a_ball_rolls_down_ground_and_its_way_has_a_derivative_in_the_height_of_the_hill():
     model, params, state = jf.build(rolling("ground"), tolerance=1e-13)
     (label,) = model.contacts

@@ -65,6 +65,7 @@ def test_exact_data_give_exact_values_from_far_off(beam, start):
     assert any("omega dt / 2" in text for text in result.warnings)  # the step damps five times more than the material
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
 def test_noisy_data_give_values_within_their_error_bars(beam, start):
     # 1 % of the largest displacement: young and poisson to 3 %; damping to what 10 ms steps, five times it, leave of it
@@ -76,6 +77,7 @@ def test_noisy_data_give_values_within_their_error_bars(beam, start):
     assert result.noise == pytest.approx(0.01 * beam.largest, rel=0.1)
 
 
+@pytest.mark.slow
 def test_missing_samples_and_an_unknown_camera(beam):
     recording = beam.recording(still=30)
     positions = recording.positions
@@ -111,6 +113,7 @@ def test_an_end_at_a_bound_is_said(beam):
     assert "young" in result.summary()
 
 
+@pytest.mark.slow
 def test_optax_descent_may_come_first(beam):
     result = beam.fit(beam.recording(), FAR_OFF[1], search=Search(candidates=1, descent=4))
     assert max(errors(result).values()) < 1e-5

@@ -151,7 +151,13 @@ def test_mistakes_are_named(write, text, message):
         load_scene(write(TIME + text))
 
 
-@pytest.mark.parametrize("text", [SOFT + RIGID, RIGID + "[[contact]]\na = 'tool'\nground = { plane = [0, 0, 1] }"])
+@pytest.mark.parametrize(
+    "text",
+    [
+        pytest.param(SOFT + RIGID, marks=pytest.mark.slow),
+        RIGID + "[[contact]]\na = 'tool'\nground = { plane = [0, 0, 1] }",
+    ],
+)
 def test_simulate_writes_poses(write, tmp_path, text):
     out = tmp_path / "out"
     assert main(["simulate", str(write(TIME + text)), "--out", str(out), "--no-plots"]) == 0

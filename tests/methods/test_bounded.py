@@ -1,5 +1,6 @@
 """The condensed route with extra rows: the row solver's answer and derivative, on random scenes and at special ones."""
 
+import derivatives
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -57,6 +58,7 @@ def error(found, expected):
     return np.linalg.norm(np.asarray(found, np.float64) - expected) / max(np.linalg.norm(expected), 1e-300)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
 def test_twenty_scenes_give_the_row_solvers_answer_and_gradient(exact, dtype):
     model, _, _ = free_beam(dtype, TOLERANCE[dtype])
@@ -83,6 +85,7 @@ def solve_rows(model, params, state, rows, bias=0.0):
     return found.velocities, tuple(found.impulses.values()), found.info
 
 
+@pytest.mark.slow
 def test_lanes_of_a_batch_are_what_each_is_alone():
     model, params, state = free_beam(tolerance=1e-12)
     scenes = [random_scene(seed, model, params, state) for seed in (0, 3, 8)]
@@ -97,22 +100,22 @@ def test_lanes_of_a_batch_are_what_each_is_alone():
         assert info.status[lane] == each.status == 0
 
 
+@pytest.mark.slow
 def test_derivatives_agree_with_differences():
     model, params, state = free_beam(tolerance=1e-12)
     material, start, rows = random_scene(5, model, params, state)
     weights = np.random.default_rng(1).normal(size=state.positions.shape)
 
-    @jax.jit
     def loss(t):
         changed = material.replace(young=material.young * jnp.exp(t), density=material.density * jnp.exp(-t))
         velocities, impulses, _ = solve_rows(model, changed, start, rows, 0.1 * t)
         return jnp.vdot(weights, velocities) + jnp.sum(impulses[2])
 
-    forward = jax.jvp(loss, (0.0,), (1.0,))[1]
-    backward = jax.grad(loss)(0.0)
+    everything = jax.jit(lambda t: derivatives.with_slopes(loss, t, direction=(1.0,)))
+    _, forward, (backward,) = everything(0.0)
     h = 1e-5
     np.testing.assert_allclose(forward, backward, rtol=1e-8)
-    np.testing.assert_allclose(forward, (loss(h) - loss(-h)) / (2 * h), rtol=1e-6)
+    np.testing.assert_allclose(forward, (everything(h)[0] - everything(-h)[0]) / (2 * h), rtol=1e-6)
 
 
 def test_a_row_that_touches_without_force_is_counted():

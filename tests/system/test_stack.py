@@ -17,6 +17,7 @@ def turned(degrees):
     return np.array([[np.cos(a), -np.sin(a), 0], [np.sin(a), np.cos(a), 0], [0, 0, 1]])
 
 
+@pytest.mark.slow
 def test_ten_soft_cubes_stand_for_ten_seconds():
     corner = (-SIDE / 2, -SIDE / 2, 0)
     cubes = []

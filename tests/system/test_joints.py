@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxfem as jf
 from jaxfem.rigid.dynamics import angular_momentum
@@ -24,6 +25,7 @@ def rod(angle, **kwargs):
     )
 
 
+@jax.jit
 def total_energy(model, params, states):
     parts = jax.vmap(lambda s: jf.energies(model, params, s))(states)
     return parts.kinetic + parts.elastic + parts.gravity
@@ -34,7 +36,7 @@ def test_a_pendulum_has_its_period_and_keeps_its_energy(joint):
     body, dt = rod(0.1), 1e-2
     joints = {"ball": jf.BallJoint(body, None, NOTHING), "hinge": jf.HingeJoint(None, body, NOTHING, (0, 1, 0))}
     model, params, state = jf.build(jf.Scene([body], joints=[joints[joint]]), **EXACT)
-    states, info = jf.rollout(model, params, state, dt, 400)
+    states, info = scenes.rolled(model, params, state, dt, 400)
     assert not info.status.any()
     x = np.asarray(states.rigid.positions[:, 0, 0])
     before = np.flatnonzero((x[:-1] > 0) & (x[1:] <= 0))
@@ -45,6 +47,7 @@ def test_a_pendulum_has_its_period_and_keeps_its_energy(joint):
     assert jnp.abs(energy - energy[0]).max() < 0.04 * (energy - state.rigid.positions[0, 2]).max() + 1e-3
 
 
+@pytest.mark.slow
 def test_a_physical_double_pendulum_keeps_its_energy():
     """From the horizontal: the energy error is of first order in the step, and its drift over 2 s small."""
     first = jf.RigidBody(jf.Box((1.0, 0.1, 0.1)), mass=1.0, position=(0.5, 0, 0))
@@ -53,7 +56,7 @@ def test_a_physical_double_pendulum_keeps_its_energy():
     model, params, state = jf.build(jf.Scene([first, second], joints=joints), **EXACT)
     errors = []
     for dt in (2e-3, 1e-3):
-        states, _ = jf.rollout(model, params, state, dt, round(2 / dt))
+        states, _ = scenes.rolled(model, params, state, dt, round(2 / dt), 100)
         energy = total_energy(model, params, states)
         errors.append(float(jnp.abs(energy).max()))
         kinetic = jax.vmap(lambda s: jf.energies(model, params, s).kinetic)(states).max()
@@ -79,7 +82,7 @@ def test_a_top_precesses_at_its_slow_rate():
         velocity=np.cross(omega, length * axis),
     )
     model, params, state = jf.build(jf.Scene([top], joints=[jf.BallJoint(top, None, NOTHING)]), **EXACT)
-    states, _ = jf.rollout(model, params, state, 1e-3, 500)
+    states, _ = scenes.rolled(model, params, state, 1e-3, 500)
     x = states.rigid.positions[:, 0]
     turned = jnp.unwrap(jnp.arctan2(x[:, 1], x[:, 0]))
     assert float(turned[-1]) / 0.5 == pytest.approx(rate, rel=0.01)
@@ -116,6 +119,7 @@ def hanging_force(model, params, state, steps=300, dt=1e-2):
     return last, {name: impulse / dt for name, impulse in jf.impulses(model, last).items()}
 
 
+@pytest.mark.slow
 def test_redundant_joints_share_the_load_and_contradictory_ones_stay_finite():
     body = jf.RigidBody(jf.Sphere(0.1), mass=2.0, position=(0, 0, -0.5))
     four = [jf.BallJoint(None, body, NOTHING) for _ in range(4)]
@@ -129,6 +133,7 @@ def test_redundant_joints_share_the_load_and_contradictory_ones_stay_finite():
     np.testing.assert_allclose(states.rigid.positions[-1, 0], [0, 0, -0.5], atol=1e-5)
 
 
+@pytest.mark.slow
 def test_a_chain_holds_a_thousand_times_its_mass():
     """Ten links with the mass on the last: in statics each joint carries what hangs below it."""
     links = [jf.RigidBody(jf.Sphere(0.3), mass=1.0, position=(0, 0, -i - 0.5)) for i in range(9)]
@@ -192,6 +197,7 @@ def test_a_rope_goes_slack_and_a_compliant_joint_is_a_spring():
     np.testing.assert_allclose(states.rigid.positions[-1, 1, 2], -9.81e-3, rtol=1e-4)
 
 
+@pytest.mark.slow
 def test_welded_soft_halves_sag_like_the_whole():
     material = {"young": 1e5, "poisson": 0.3, "density": 1000.0, "damping": 0.05}
     whole = jf.SoftBody(jf.mesh.box((0.4, 0.1, 0.1), (4, 1, 1)), fixed="x-", **material)
@@ -222,6 +228,7 @@ def test_a_tool_on_a_soft_arm_weighs_on_it_and_momentum_is_kept():
     np.testing.assert_allclose(total, np.tile(1.5 * np.array([0.1, 0, 0.2]), (20, 1)), atol=1e-13)
 
 
+@pytest.mark.slow
 def test_derivatives_through_a_motor_joint_and_a_compliant_one():
     """At the bound of the motor's torque; in that bound, the mass, and the other joint's compliance."""
     link = jf.RigidBody(jf.Box((0.2, 0.05, 0.05)), mass=0.3, position=(0.3, 0.05, 0.05))

@@ -5,49 +5,25 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from standard import STANDARD
 
 import jaxfem as jf
 
 DT = 1e-2
 
 
-def doll():
-    """A branching doll that folds up on its limits: five links, a motor, a rope, a ball that lands on the ground."""
-    trunk = jf.RigidBody(jf.Box((0.1, 0.1, 0.4)), mass=3.0, position=(0, 0, 1.0), angular_velocity=(0, 3.0, 0))
-    arms = [jf.RigidBody(jf.Box((0.4, 0.1, 0.1)), mass=1.0, position=(0.3 * s, 0, 1.2)) for s in (-1, 1)]
-    hands = [jf.RigidBody(jf.Box((0.2, 0.1, 0.1)), mass=0.2, position=(0.6 * s, 0, 1.2)) for s in (-1, 1)]
-    ball = jf.RigidBody(jf.Sphere(0.1), mass=0.5, position=(0, 0, 0.11), velocity=(0.5, 0, -0.5))
-    joints = [
-        *[
-            jf.HingeJoint(trunk, arm, (0.1 * s, 0, 1.2), (0, 1, 0), low=-0.1, high=0.1)
-            for arm, s in zip(arms, (-1, 1), strict=True)
-        ],
-        jf.HingeJoint(arms[0], hands[0], (-0.5, 0, 1.2), (0, 1, 0), motor=jf.Motor(3.0, 0.05)),
-        jf.BallJoint(arms[1], hands[1], (0.5, 0, 1.2)),
-        jf.DistanceJoint(trunk, ball, (0, 0, 0.8), (0, 0, 0.21), length=0.6, rope=True),
-        jf.BallJoint(None, trunk, (0, 0, 1.2)),
-    ]
-    bodies = [trunk, *arms, *hands, ball]
-    return jf.Scene(bodies, joints=joints, contacts=[jf.Contact(ball, jf.Plane((0, 0, 0), (0, 0, 1)), friction=0.0)])
-
-
-def run(scene, solver, steps=40, **build):
-    model, params, state = jf.build(scene, solver=solver, **build)
-    states, info = jf.rollout(model, params, state, DT, steps)
-    assert not info.status.any()
-    return model, states, info
-
-
+@pytest.mark.slow
 def test_limits_motors_ropes_and_contacts_end_as_with_the_other_solvers():
-    model, direct, info = run(doll(), "auto", tolerance=1e-11)
+    model, direct, info = STANDARD["doll"].run("auto")
     assert model.method.name == "direct" and info.iterations.max() < 30
     angles = jf.impulses(model, direct)["joint angle limit rigid-rigid"]
     assert (jnp.abs(angles).max((0, 2)) > 0).all()  # both limits were reached
     for solver in ("mprgp", "pgs"):
-        _, other, _ = run(doll(), solver, tolerance=1e-11)
+        _, other, _ = STANDARD["doll"].run(solver)
         np.testing.assert_allclose(direct.rigid.positions, other.rigid.positions, atol=1e-7, err_msg=solver)
 
 
+@pytest.mark.slow
 def test_derivatives_through_a_limit_and_every_lane_of_a_batch():
     upper = jf.RigidBody(jf.Box((0.4, 0.1, 0.1)), mass=1.0, position=(0.2, 0, 0), angular_velocity=(0, 2.0, 0))
     lower = jf.RigidBody(jf.Box((0.4, 0.1, 0.1)), mass=0.5, position=(0.6, 0, 0))

@@ -1,5 +1,6 @@
 """Surfaces of two soft bodies: what hangs over an edge, and what is kept."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -18,11 +19,16 @@ def two_cubes(aside, above, **more):
     return jf.build(jf.Scene([lower, upper], contacts=[jf.Contact(upper, lower, friction=0.5)]))
 
 
+@jax.jit
+def pairs_of(group, state):
+    return group.pairs(configuration(state))
+
+
 def pairs_of_upper(model, state):
     """Positions, gaps and normals of the upper cube's nodes: the first half of the candidates."""
     (group,) = model.contacts.values()
     half = len(group.margin) // 2
-    pairs = group.pairs(configuration(state))
+    pairs = pairs_of(group, state)
     places = np.asarray(state.positions[group.points.nodes[:half, 0]])
     return places, np.asarray(pairs.gap)[:half], np.asarray(pairs.normal)[:half]
 
@@ -48,6 +54,7 @@ def test_distance_beside_and_beyond_an_edge():
     np.testing.assert_allclose(gaps[over], np.hypot(0.013, places[over, 2] - SIDE), atol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("aside", "stays"), [(0.03, True), (0.07, False)])
 def test_a_cube_falls_once_its_middle_is_over_the_edge(aside, stays):
     model, params, state = two_cubes((aside, 0.0), 0.0, fixed="z-")

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 from scipy.optimize import lsq_linear
 
 import jaxfem as jf
@@ -22,6 +23,7 @@ def turned(quaternion, by):
     return (c * w - s * z, c * x - s * y, c * y + s * x, c * z + s * w)
 
 
+@jax.jit
 def edges_of(model, state):
     return model.contacts["rough rigid-rigid box edges"].pairs(configuration(state))
 
@@ -34,12 +36,13 @@ def two(place, orientation, dtype=None, solver="mprgp", friction=0.5):
     return jf.build(scene, dtype=dtype, solver=solver, tolerance=1e-4 if dtype == jnp.float32 else 1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("degrees", "dtype", "solver"), [(90, jnp.float64, "auto"), (45, jnp.float64, "mprgp"), (45, jnp.float32, "mprgp")]
 )
 def test_crossed_planks_rest_on_each_other(degrees, dtype, solver):
     model, params, state = two((0.1, 0.05, 0.11), turned(FLAT, degrees), dtype, solver)
-    states, info = jf.rollout(model, params, state, 1e-2, 100)
+    states, info = scenes.rolled(model, params, state, 1e-2, 100)
     assert not info.status.any()
     np.testing.assert_allclose(states.rigid.positions[-1, 0], (0.1, 0.05, 0.1), atol=1e-3)
     np.testing.assert_allclose(states.rigid.velocities[-1, 0], 0, atol=1e-3)
@@ -66,10 +69,10 @@ def test_two_ridges_meet_in_one_point():
     assert len(near) == 1
     np.testing.assert_allclose(found.gap[near], 0.23 - 2 * 0.15 / np.sqrt(2), atol=1e-12)
     np.testing.assert_allclose(found.normal[near], [(0, 0, 1)], atol=1e-12)
-    states, info = jf.rollout(model, params.replace(gravity=jnp.zeros(3)), state, 1e-2, 5)
+    states, info = scenes.rolled(model, params.replace(gravity=jnp.zeros(3)), state, 1e-2, 10)
     assert not info.status.any()
     push = state.replace(rigid=state.rigid.replace(velocities=state.rigid.velocities.at[0].set((0, 0, -1.0))))
-    states, info = jf.rollout(model, params, push, 1e-2, 10)
+    states, info = scenes.rolled(model, params, push, 1e-2, 10)
     assert not info.status.any()
     gaps = jax.vmap(lambda s: edges_of(model, s).gap.min())(states)
     assert float(gaps.min()) > -1e-4
@@ -80,7 +83,6 @@ def test_gaps_are_the_distance_of_the_boxes():
     half, seen = np.array([0.5, 0.1, 0.05]), 0
     corners = np.stack(np.meshgrid(*[[-1, 1]] * 3, indexing="ij"), -1).reshape(-1, 3) * half
     model, _, state = two((0, 0, 0), FLAT)
-    gaps = jax.jit(lambda state: edges_of(model, state))
     for _ in range(200):
         place, quaternion = RNG.normal(size=3) * (0.3, 0.3, 0.1) + (0, 0, 0.25), RNG.normal(size=4)
         rigid = state.rigid.replace(
@@ -88,7 +90,7 @@ def test_gaps_are_the_distance_of_the_boxes():
             orientations=state.rigid.orientations.at[0].set(quaternion / np.linalg.norm(quaternion)),
         )
         moved = state.replace(rigid=rigid)
-        found, turn = gaps(moved), np.asarray(configuration(moved).rotations[0])
+        found, turn = edges_of(model, moved), np.asarray(configuration(moved).rotations[0])
         for k in np.flatnonzero(found.gap < 1):
             gap, n = float(found.gap[k]), np.asarray(found.normal[k])
             along = ((corners @ turn.T + place) @ n).min() - (corners @ n).max()
@@ -102,6 +104,7 @@ def test_gaps_are_the_distance_of_the_boxes():
     assert seen > 10
 
 
+@pytest.mark.slow
 def test_derivative_of_an_impact_of_edges():
     model, params, state = two((0.02, 0.01, 0.2), turned(STEEP, 70), friction=0.1)
     tight = model.replace(tolerance=jnp.asarray(1e-13))
@@ -122,12 +125,13 @@ def test_derivative_of_an_impact_of_edges():
     derivatives.check(place, (1.0, 1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_lanes_give_what_they_give_alone():
     model, params, state = two((0.1, 0.05, 0.11), turned(FLAT, 60))
 
     def end(height):
         rigid = state.rigid.replace(positions=state.rigid.positions.at[0, 2].set(height))
-        return jf.rollout(model, params, state.replace(rigid=rigid), 1e-2, 5)[0].rigid.positions[-1, 0]
+        return jf.rollout(model, params, state.replace(rigid=rigid), 1e-2, scenes.CHUNK)[0].rigid.positions[-1, 0]
 
     heights = jnp.array([0.1, 0.12, 0.4])
     np.testing.assert_allclose(jax.vmap(end)(heights), [end(h) for h in heights], atol=1e-7)

@@ -4,6 +4,7 @@ import derivatives
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from standard import sliding_box
 
 import jaxfem as jf
 
@@ -18,6 +19,7 @@ def scene():
     return jf.Scene([block, link], joints=[weld, hinge], contacts=[floor])
 
 
+@pytest.mark.slow
 def test_sweeps_and_mprgp_agree_where_friction_does_not_tell_them_apart():
     results = []
     for solver in ("mprgp", "pgs"):
@@ -29,13 +31,13 @@ def test_sweeps_and_mprgp_agree_where_friction_does_not_tell_them_apart():
     np.testing.assert_allclose(results[0][1], results[1][1], atol=1e-7)
 
 
-def sliding(solver, velocity, friction=0.5):
-    body = jf.RigidBody(jf.Box((0.4, 0.4, 0.1)), mass=2.0, position=(0, 0, 0.05), velocity=velocity)
-    contact = jf.Contact(body, jf.Plane(), friction=friction)
-    return jf.build(jf.Scene([body], contacts=[contact]), solver=solver, tolerance=1e-9)
+def sliding(solver, velocity):
+    return jf.build(sliding_box(velocity), solver=solver, tolerance=1e-9)
 
 
-@pytest.mark.parametrize(("solver", "bound"), [("pgs", 1.0), ("mprgp", np.sqrt(2.0))])
+@pytest.mark.parametrize(
+    ("solver", "bound"), [("pgs", 1.0), pytest.param("mprgp", np.sqrt(2.0), marks=pytest.mark.slow)]
+)
 def test_friction_across_the_axes(solver, bound):
     """Sliding along the diagonal of the two tangents: mu N with the cone, sqrt(2) times that with the pyramid."""
     direction = np.array([1.0, 1.0, 0.0]) / np.sqrt(2)
@@ -45,6 +47,7 @@ def test_friction_across_the_axes(solver, bound):
     np.testing.assert_allclose(states.rigid.velocities[-1, 0], (2 - bound * 0.5 * 9.81 * 0.1) * direction, atol=1e-6)
 
 
+@pytest.mark.slow
 def test_derivatives_through_the_cone():
     model, params, state = sliding("pgs", (0.9, 0.4, 0.0))
     model = model.replace(tolerance=jnp.asarray(1e-12))

@@ -4,6 +4,7 @@ import itertools
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 import jaxfem as jf
 from jaxfem.methods.nodes.row_coarse import coarse_space
@@ -67,6 +68,7 @@ def test_correction_is_that_of_the_dense_basis_and_symmetric():
     np.testing.assert_allclose(jnp.vdot(v, found), jnp.vdot(space.correction(inverse, v), u), rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_pile_of_stiff_blocks_takes_few_iterations():
     """Rigid motions of stiff blocks that rest on each other: 1000 to 10,000 iterations without the rows in it."""
     blocks = [

@@ -33,6 +33,7 @@ def test_points_stay_where_they_are_at_rest_also_outside_the_mesh():
     assert weights.min() < 0 and np.abs(points).max() > 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_vertices_carry_the_body_and_nodes_pass_through(dtype):
     body, plane = block(), jf.Plane((0, 0, -0.07))
@@ -50,6 +51,7 @@ def test_vertices_carry_the_body_and_nodes_pass_through(dtype):
     assert push == pytest.approx(8.0 * 9.81 * 1e-2, rel=0.05)
 
 
+@pytest.mark.slow
 def test_vertices_at_nodes_are_nodes():
     body = block(velocity=(0.5, 0, -1.0))
     nodes = body.mesh.surface_nodes
@@ -76,6 +78,7 @@ def test_an_impact_on_vertices_changes_momentum_by_its_impulse():
     assert float(push.max()) > 400
 
 
+@pytest.mark.slow
 def test_vertices_meet_another_soft_body_and_keep_momentum():
     ball = block(young=1e5, velocity=(0, 0, -1.0))
     mesh = jf.mesh.box((0.3, 0.3, 0.1), (3, 3, 1), origin=(-0.15, -0.15, -0.2))
@@ -89,6 +92,7 @@ def test_vertices_meet_another_soft_body_and_keep_momentum():
     assert float(states.velocities[-1, len(ball.mesh.points) :, 2].mean()) < -0.2  # the slab has been struck
 
 
+@pytest.mark.slow
 def test_derivative_of_a_bounce_on_vertices():
     body = block(cells=1, young=3e4, velocity=(0.3, 0, -1.0))
     contact = jf.Contact(body, jf.Plane((0, 0, -0.065)), friction=0.3, surface=sphere(RADIUS, 12))

@@ -74,6 +74,7 @@ def test_an_old_coarse_matrix_serves_a_turned_body():
     assert abs(int(after) - int(before)) <= 2
 
 
+@pytest.mark.slow
 def test_groups_without_a_free_node_do_no_harm():
     mesh = jf.mesh.box((2.4, 0.2, 0.1), (24, 2, 1))
     body = jf.SoftBody(mesh, young=1e9, poisson=0.35, density=2200.0, fixed=mesh.points[:, 0] < 1.3)
@@ -89,6 +90,7 @@ def test_failed_factorisation_leaves_the_coarse_space_out():
     assert float(jnp.abs(coarse_inverse(broken, group_modes(system))).max()) == 0.0
 
 
+@pytest.mark.slow
 def test_many_bodies_in_one_scene_move_as_each_alone():
     mesh = jf.mesh.box((0.1, 0.03, 0.03), (3, 1, 1))
     bodies = [
@@ -102,6 +104,7 @@ def test_many_bodies_in_one_scene_move_as_each_alone():
         np.testing.assert_allclose(together.positions[:, own], alone.positions, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_prepared_model_gives_the_same_step():
     model, params, state = stiff_bar()
     ready = jf.prepare(model, params, state, 1 / 60)

@@ -45,6 +45,7 @@ def ends(scene, scheme, time, steps, **options):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("make", "time", "first"), [(block_on_floor, 0.08, 16), (hanging_arm, 0.32, 64)])
 def test_order_two_with_closed_contacts_and_joints(make, time, first):
     steps = (first, 2 * first, 4 * first)
@@ -56,12 +57,14 @@ def test_order_two_with_closed_contacts_and_joints(make, time, first):
     assert np.abs(plain - fine).max() > 8 * errors[0]
 
 
+@pytest.mark.slow
 def test_all_rows_give_the_same():
     (condensed,) = ends(hanging_arm(), "generalized_alpha", 0.1, (10,))
     (rows,) = ends(hanging_arm(), "generalized_alpha", 0.1, (10,), solver="mprgp")
     np.testing.assert_allclose(condensed, rows, atol=1e-8)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("dtype", [jnp.float32, jnp.float64])
 def test_an_impact_leaves_no_echo(dtype):
     """A stiff cube drops and stays: accelerations of the impact would throw it up again by an eighth of its speed."""
@@ -73,6 +76,7 @@ def test_an_impact_leaves_no_echo(dtype):
     assert np.abs(states.velocities[-1]).max() < 2e-3
 
 
+@pytest.mark.slow
 def test_a_bounce_is_as_good_as_one_of_many_more_plain_steps():
     time, scene = 0.05, falling_cube(1e5)
     (fine,) = ends(scene, "generalized_alpha", time, (400,))
@@ -93,6 +97,7 @@ def test_a_rope_goes_taut_and_holds():
     assert drop.max() < 0.0506 and drop[-20:].min() > 0.0495
 
 
+@pytest.mark.slow
 def test_derivative_of_a_landing_in_its_stiffness():
     model, params, state = jf.build(falling_cube(2e4, friction=0.3), scheme=SCHEMES[0], tolerance=1e-13)
 
@@ -104,6 +109,7 @@ def test_derivative_of_a_landing_in_its_stiffness():
     derivatives.check(height, (1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_lanes_strike_each_at_its_own_time():
     model, params, state = jf.build(falling_cube(1e5), scheme=SCHEMES[0], tolerance=1e-10)
     speeds = jnp.stack([state.velocities, 2 * state.velocities])
@@ -116,6 +122,7 @@ def test_lanes_strike_each_at_its_own_time():
         np.testing.assert_allclose(lane, alone, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_what_strikes_one_body_is_nothing_to_another():
     """A beam rings alone as it does beside a cube that bounces; the cube's scheme_damping is then backward Euler's."""
     mesh = jf.mesh.box((0.1, 0.03, 0.03), (3, 1, 1))

@@ -5,6 +5,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import scenes
 
 import jaxfem as jf
 from jaxfem.rigid.dynamics import angular_momentum
@@ -30,24 +31,25 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above():
     (name,) = params.contacts
     for degrees in (26.5, 26.6, 35.0):
         own, values, start, down = on_slope(degrees)
-        states, info = jf.rollout(own, values, start, 1e-2, 50)
+        states, info = scenes.rolled(own, values, start, 1e-2, 50)
         assert not info.status.any()
         speed = float(states.rigid.velocities[-1, 0] @ down)
         a = np.radians(degrees)
         expected = max(0.0, 0.5 * 9.81 * (np.sin(a) - 0.5 * np.cos(a)))
         assert speed == pytest.approx(expected, rel=1e-6, abs=1e-8)
     slick = {name: params.contacts[name].replace(friction=0.0 * params.contacts[name].friction)}
-    states, _ = jf.rollout(model, params.replace(contacts=slick), state, 1e-2, 50)
+    states, _ = scenes.rolled(model, params.replace(contacts=slick), state, 1e-2, 50)
     np.testing.assert_allclose(jnp.linalg.norm(states.rigid.velocities[-1, 0]), 4.905 * np.sin(np.radians(26.5)))
 
 
+@pytest.mark.slow
 def test_lanes_give_what_they_give_alone_and_single_precision_follows():
     model, params, state, down = on_slope(30.0)
     (name,) = params.contacts
 
     def speed(friction, model=model, params=params, state=state):
         contacts = {name: params.contacts[name].replace(friction=jnp.full(8, friction, state.time.dtype))}
-        states, info = jf.rollout(model, params.replace(contacts=contacts), state, 1e-2, 20)
+        states, info = jf.rollout(model, params.replace(contacts=contacts), state, 1e-2, scenes.CHUNK)
         return states.rigid.velocities[-1, 0] @ jnp.asarray(down, state.time.dtype), info.status.max()
 
     values = jnp.array([0.0, 0.3, 0.7])
@@ -94,34 +96,31 @@ def test_a_soft_body_does_not_tunnel_and_its_impulse_is_its_change_of_momentum(s
     assert push.max() > 8 * speed / 2
 
 
-def resting(a, b, height, **kwargs):
-    """Two bodies, b fixed below a: where a comes to rest."""
-    scene = jf.Scene([a, b], contacts=[jf.Contact(a, b, **kwargs)])
-    model, params, state = jf.build(scene, tolerance=1e-9)
-    states, info = jf.rollout(model, params, state, 1e-2, 80)
-    assert not info.status.any()
-    assert float(states.rigid.positions[-1, 0, 2]) == pytest.approx(height, abs=1e-4)
-    np.testing.assert_allclose(states.rigid.velocities[-1, 0], 0, atol=1e-4)
-
-
-@pytest.mark.parametrize(
-    ("above", "below", "height"),
-    [
+@pytest.mark.slow
+def test_rigid_shapes_rest_on_one_another():
+    """Six pairs side by side, the lower one fixed: where the upper ones come to rest."""
+    pairs = [
         (jf.Sphere(0.1), jf.Box((1, 1, 0.2)), 0.2),
         (jf.Box((0.2, 0.2, 0.2)), jf.Box((1, 1, 0.2)), 0.2),
         (jf.Box((1.0, 1.0, 0.2)), jf.Box((0.2, 0.2, 0.2)), 0.2),  # larger than what it stands on
         (jf.Cylinder(0.1, 0.2), jf.Cylinder(0.5, 0.2), 0.2),
         (jf.Sphere(0.1), jf.Sphere(0.3), 0.4),
         (jf.Sphere(0.1), jf.Capsule(0.2, 0.5), 0.55),
-    ],
-    ids=lambda v: type(v).__name__ if not isinstance(v, float) else "",
-)
-def test_rigid_shapes_rest_on_one_another(above, below, height):
-    top = jf.RigidBody(above, mass=1.0, position=(0, 0, height + 0.02), name="top")
-    bottom = jf.RigidBody(below, mass=1.0, fixed=True, name="bottom")
-    resting(top, bottom, height)
+    ]
+    heights = np.array([height for _, _, height in pairs])
+    tops, bottoms = [], []
+    for k, (above, below, height) in enumerate(pairs):
+        tops.append(jf.RigidBody(above, mass=1.0, position=(2.0 * k, 0, height + 0.02), name=f"top {k}"))
+        bottoms.append(jf.RigidBody(below, mass=1.0, position=(2.0 * k, 0, 0), fixed=True, name=f"bottom {k}"))
+    contacts = [jf.Contact(top, bottom) for top, bottom in zip(tops, bottoms, strict=True)]
+    model, params, state = jf.build(jf.Scene([*tops, *bottoms], contacts=contacts), tolerance=1e-9)
+    states, info = jf.rollout(model, params, state, 1e-2, 80)
+    assert not info.status.any()
+    np.testing.assert_allclose(states.rigid.positions[-1, : len(pairs), 2], heights, atol=1e-4)
+    np.testing.assert_allclose(states.rigid.velocities[-1, : len(pairs)], 0, atol=1e-4)
 
 
+@pytest.mark.slow
 def test_a_ball_named_second_does_not_fall_through_a_box():
     box = jf.RigidBody(jf.Box((1, 1, 0.2)), mass=1.0, fixed=True, name="box")
     ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0.1, 0, 0.22), name="ball")
@@ -133,6 +132,7 @@ def test_a_ball_named_second_does_not_fall_through_a_box():
     np.testing.assert_allclose(states.rigid.positions[-1, 1], (0.1, 0, 0.2), atol=1e-4)
 
 
+@pytest.mark.slow
 def test_colliding_rigid_bodies_keep_their_momentum():
     rng = np.random.default_rng(4)
     first = jf.RigidBody(jf.Box((0.2, 0.3, 0.2)), mass=1.0, velocity=(1.0, 0.1, 0), angular_velocity=rng.normal(size=3))
@@ -154,6 +154,7 @@ def test_colliding_rigid_bodies_keep_their_momentum():
     assert jnp.abs(angular - start[1]).max() < 1e-13
 
 
+@pytest.mark.slow
 def test_soft_balls_pass_their_momentum_on():
     """Newton's cradle of two soft balls: contact of surface nodes with the other's surface, momentum to rounding."""
     material = {"young": 1e6, "poisson": 0.3, "density": 1000.0}
@@ -188,6 +189,7 @@ def test_nearest_triangle_is_that_of_the_mesh():
     assert (np.einsum("mi,mi->m", normal, points) > 0.1).all()
 
 
+@pytest.mark.slow
 def test_ground_of_other_kinds_carries_a_soft_block():
     def bowl(point, radius):
         return radius - jnp.linalg.norm(point - jnp.array([0.0, 0.0, radius]))
@@ -222,6 +224,7 @@ def test_derivative_of_a_sliding_distance_in_friction_and_mass():
     derivatives.check(distance, (1.0, 1.0))
 
 
+@pytest.mark.slow
 def test_derivative_of_a_soft_bounce_in_its_stiffness():
     mesh = jf.mesh.box((0.1, 0.1, 0.1), 1, tets_per_cell=5, origin=(0, 0, 0.01))
     body = jf.SoftBody(mesh, young=2e4, poisson=0.3, density=1000.0, damping=2e-3, velocity=(0.3, 0, -2.0))
