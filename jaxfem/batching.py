@@ -12,6 +12,7 @@ from jax.interpreters import batching, mlir
 
 Array = jax.Array
 F = TypeVar("F", bound=Callable[..., Any])
+T = TypeVar("T")
 
 
 def lanes_in_turn(function: F) -> F:
@@ -25,7 +26,7 @@ def lanes_in_turn(function: F) -> F:
     turns = custom_vmap(function)
 
     @turns.def_vmap
-    def rule(size: int, batched: list, first: Any, *others: Any) -> tuple[Any, Any]:
+    def rule(size: int, batched: list[Any], first: Any, *others: Any) -> tuple[Any, Any]:
         axes = jax.tree.map(lambda flag: 0 if flag else None, tuple(batched))
         together = jax.vmap(function, axes, axis_size=size)
         if not any(jax.tree.leaves(batched[0])):
@@ -36,7 +37,9 @@ def lanes_in_turn(function: F) -> F:
             )
         return made, jax.tree.map(lambda _: True, made)
 
-    return functools.wraps(function)(lambda *arguments: turns(*arguments))  # type: ignore[return-value]
+    wrapped: Any = functools.wraps(function)(lambda *arguments: turns(*arguments))
+    typed: F = wrapped
+    return typed
 
 
 def _one_by_one(function: Callable[..., Any], batched: Any, *arguments: Any) -> Any:
@@ -52,18 +55,20 @@ def _one_by_one(function: Callable[..., Any], batched: Any, *arguments: Any) -> 
     return jax.lax.map(one, [leaf for leaf, flag in zip(leaves, flags, strict=True) if flag])
 
 
-def cond_any(flag: Array, yes: Callable[..., Any], no: Callable[..., Any], *arguments: Any) -> Any:
+def cond_any(flag: Array, yes: Callable[..., T], no: Callable[..., T], *arguments: Any) -> T:
     """`lax.cond(flag, yes, no, *arguments)` that stays a branch under `vmap`: `yes` for all lanes if any lane asks.
 
     So `yes` must also be right where `no` would do. vmap alone turns a branch into a selection, and always does both.
     Differentiable as the branch itself is.
     """
-    return jax.lax.cond(any_lane(flag), yes, no, *arguments)
+    found: T = jax.lax.cond(any_lane(flag), yes, no, *arguments)
+    return found
 
 
 def any_lane(flag: Array) -> Array:
     """The flag itself; under `vmap`, one for all lanes: whether any of them has it."""
-    return _any_lane.bind(flag)  # type: ignore[no-any-return]
+    asked: Array = _any_lane.bind(flag)
+    return asked
 
 
 # vmap's rules for JAX's own operations keep lanes apart, and custom_vmap has no reverse derivative.

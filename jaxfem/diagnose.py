@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status, describe
-from jaxfem.stepping.step import StepError, typed
+from jaxfem.stepping.checks import StepError, typed
 from jaxfem.system.coupled import configuration
 
 OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than this has come open
@@ -144,7 +144,8 @@ def _inverted(model: Model, places: np.ndarray) -> Iterator[Finding]:
 
 
 def _sixfold_volumes(corners: np.ndarray) -> np.ndarray:
-    return np.linalg.det(corners[:, 1:] - corners[:, :1])
+    volumes: np.ndarray = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    return volumes
 
 
 class _Still:
@@ -197,14 +198,16 @@ def _violation(rows: Any) -> np.ndarray:
     gap = -np.asarray(rows.bias)
     lower, upper = (-np.inf, np.inf) if rows.bounds is None else map(np.asarray, rows.bounds)
     pushed, pulled = np.isinf(upper) & (gap < 0), np.isinf(lower) & (gap > 0)
-    return np.where(pushed | pulled, np.abs(gap), 0.0).max(axis=1)
+    violation: np.ndarray = np.where(pushed | pulled, np.abs(gap), 0.0).max(axis=1)
+    return violation
 
 
 def _is_length(rows: Any, at: Any) -> np.ndarray:
     """Whether each block of rows measures a length (m,): some linear velocity takes part. Else it is an angle."""
     triples, jacobian = np.asarray(rows.triples), np.asarray(rows.jacobian)
     used = (jacobian != 0).reshape(*jacobian.shape[:2], -1, 3).any(axis=(1, 3))
-    return (used & (triples < at.unknowns - len(at.centers))).any(axis=1)
+    lengths: np.ndarray = (used & (triples < at.unknowns - len(at.centers))).any(axis=1)
+    return lengths
 
 
 def _size(model: Model, state: State) -> float:

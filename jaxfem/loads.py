@@ -1,5 +1,7 @@
 """Resolved loads: what enters the compiled step. Each turns its value (a leaf of `params.loads`) into nodal forces."""
 
+from collections.abc import Sequence
+
 import jax
 import jax.numpy as jnp
 
@@ -32,7 +34,7 @@ class FacePressure(Pytree):
         return jnp.zeros_like(positions).at[self.faces].add(corner)
 
 
-def load_force(loads: tuple, values: tuple, positions: Array) -> Array:
+def load_force(loads: Sequence[WeightedForce | FacePressure], values: Sequence[Array], positions: Array) -> Array:
     """Sum of all resolved loads on the nodes, (n, 3) [N]."""
     total = jnp.zeros_like(positions)
     for load, value in zip(loads, values, strict=True):

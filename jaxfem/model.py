@@ -10,8 +10,10 @@ from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
+from jaxfem.loads import FacePressure, WeightedForce
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.schemes import Scheme
@@ -32,8 +34,8 @@ class Params(Pytree):
 
     constants: dict[str, Any]
     gravity: Array
-    loads: tuple = ()
-    motions: tuple = ()
+    loads: tuple[Any, ...] = ()
+    motions: tuple[Motion, ...] = ()
     rigid: RigidParams | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -122,8 +124,8 @@ class Model(Pytree):
     node_body: Array
     free: Array
     pattern: Pattern
-    loads: tuple
-    driven: tuple
+    loads: tuple[WeightedForce | FacePressure, ...]
+    driven: tuple[Array, ...]
     tolerance: Array
     max_iterations: Array
     scheme: Scheme

@@ -31,4 +31,5 @@ def displaced(motion: Motion, rest: Array, time: Array) -> Array:
     turn = rotation_vector_to_matrix(motion.angular_velocity * time)
     angle = 2 * jnp.pi * motion.frequency * time + motion.phase
     shift = motion.velocity * time + motion.amplitude * (jnp.sin(angle) - jnp.sin(motion.phase))
-    return motion.center + (rest - motion.center) @ turn.T + shift
+    moved: Array = motion.center + (rest - motion.center) @ turn.T + shift
+    return moved

@@ -1,7 +1,7 @@
 """Frozen dataclasses that JAX sees as pytrees: the only kind of object that enters a compiled function."""
 
 import dataclasses
-from typing import Any, Self, dataclass_transform
+from typing import Any, ClassVar, Self, dataclass_transform
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,8 @@ def static(**kwargs: Any) -> Any:
 class Pytree:
     """Base class: each subclass is a frozen dataclass registered with JAX, whose fields are leaves unless `static`."""
 
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]  # each subclass has its own
+
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
@@ -29,7 +31,7 @@ class Pytree:
 
     def replace(self, **changes: Any) -> Self:
         """The same with some fields changed."""
-        return dataclasses.replace(self, **changes)  # type: ignore[type-var]
+        return dataclasses.replace(self, **changes)
 
 
 def on_device(values: Any, dtype: Any) -> jax.Array:

@@ -121,10 +121,11 @@ def _newton(X: Array) -> Array:
         g = jnp.sqrt(jnp.sqrt(_square_sum(C) / _square_sum(X)) / det)
         # The barriers keep XLA from working out C and the factors anew for each of nine entries.
         a, c = lax.optimization_barrier((0.5 * g, 0.5 / (g * det)))
-        return a * X + c * C
+        return jnp.add(a * X, c * C)
 
     # A loop, not six copies of the step: compiled in a fifth of the time and run twice as fast.
-    return lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
+    R: Array = lax.fori_loop(0, 6 if X.dtype.itemsize > 4 else 5, step, X)
+    return R
 
 
 def _davenport(F: Components) -> Array:
@@ -159,7 +160,8 @@ def _jacobi(A: Array) -> tuple[Array, Array]:
         return turned(jnp.swapaxes(turned(A), 0, 1)), turned(V)
 
     V = jnp.broadcast_to(jnp.eye(4, dtype=A.dtype).reshape(4, 4, *(1,) * (A.ndim - 2)), A.shape)
-    return lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))  # type: ignore[no-any-return]
+    found: tuple[Array, Array] = lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))
+    return found
 
 
 def rotation_gap(F: Any, R: Any) -> Array:
@@ -220,7 +222,8 @@ def quaternion_to_matrix(q: Any) -> Array:
     s = 2 / jnp.where(n == 0, 1, n)
     unit, turns = jnp.eye(3, dtype=q.dtype), jnp.asarray(TURNS, q.dtype)
     across = sum((turns[k] * v[..., k : k + 1, :] for k in (1, 2)), start=turns[0] * v[..., :1, :])
-    return (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
+    R: Array = (1 - s * jnp.sum(v * v, -2, keepdims=True)) * unit + s * (v * jnp.swapaxes(v, -1, -2) + w * across)
+    return R
 
 
 def quaternion_multiply(p: Any, q: Any) -> Array:
@@ -277,8 +280,8 @@ def _matrix(entry: Callable[[int, int], Array]) -> Components:
     return tuple(tuple(entry(i, j) for j in AXES) for i in AXES)
 
 
-def _where(flag: Array, yes: Any, no: Any) -> Any:
-    return jax.tree.map(lambda u, v: jnp.where(flag, u, v), yes, no)
+def _where(flag: Any, yes: Any, no: Any) -> Vector:
+    return tuple(jnp.where(flag, u, v) for u, v in zip(yes, no, strict=True))
 
 
 def _transpose_product(A: Components, B: Components) -> Components:

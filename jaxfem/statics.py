@@ -79,11 +79,12 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         raise StepError("equilibrium takes materials without a memory: others come to rest by steps")
     params, state, forces = typed(model, params, state, forces)
     check_call(model, params, state, 1.0, forces)
-    return _equilibrium(model, params, state, forces)
+    found: tuple[State, StepInfo] = _equilibrium(model, params, state, forces)
+    return found
 
 
 @jax.jit
-def _equilibrium(model: Model, params: Params, state: State, forces: Array | None):
+def _equilibrium(model: Model, params: Params, state: State, forces: Array | None) -> tuple[State, StepInfo]:
     symmetric = not any(isinstance(load, FacePressure) for load in model.loads)
     noise = NOISE * elastic_rounding(model, *jax.lax.stop_gradient((params, state.positions)))
     inputs = _StaticInputs(model, params, state.positions, forces, noise)
@@ -115,7 +116,7 @@ def _typical_stiffness(inputs: _StaticInputs) -> Array:
     return jax.lax.stop_gradient(jnp.mean(young) * length)
 
 
-def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]):
+def _tangent(inputs: _StaticInputs, unknown: Array, rotations: tuple[Array, ...]) -> tuple[Operator, Operator]:
     """Products with the exact Hessian, and a preconditioner from the warped stiffness, which is always SPD."""
     model, pattern = inputs.model, inputs.model.pattern
     positions = jnp.where(model.free[:, None] > 0, unknown, inputs.held)

@@ -95,7 +95,7 @@ def determinant(a: Matrix3) -> Array:
     )
 
 
-def cross_matrix(v: Vector3) -> Matrix3:
+def cross_matrix(v: Vector3 | Array) -> Matrix3:
     """skew(v) as components: cross_matrix(v) u = v x u."""
     zero = jnp.zeros_like(v[0])
     return [[zero, -v[2], v[1]], [v[2], zero, -v[0]], [-v[1], v[0], zero]]

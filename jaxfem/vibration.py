@@ -20,6 +20,7 @@ from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.tensors import array_of
 
 Array = jax.Array
+Eigenpairs = tuple[Array, Array, Array]
 
 # Values closer than this (relative) count as one repeated value: their shapes may turn into each other at no cost.
 _REPEATED = 1e-6
@@ -57,7 +58,8 @@ def modes(
         raise StepError("modes takes materials without a memory: others have no frequencies of their own")
     params, state = typed(model, params, state)
     check_call(model, params, state, 1.0)
-    return _modes(model, params, state.positions, count, mass)
+    found: tuple[Array, Array] = _modes(model, params, state.positions, count, mass)
+    return found
 
 
 @partial(jax.jit, static_argnums=(3, 4))
@@ -73,7 +75,7 @@ def _modes(model: Model, params: Params, positions: Array, count: int, mass: Mas
 
 
 @partial(jax.custom_jvp, nondiff_argnums=(0, 1))
-def _eigenpairs(count: int, mass: MassKind, inputs: _Inputs) -> tuple[Array, Array, Array]:
+def _eigenpairs(count: int, mass: MassKind, inputs: _Inputs) -> Eigenpairs:
     """Squared frequencies (count,), shapes (count, n, 3), and relative errors of the shapes (count,)."""
     pattern = inputs.model.pattern
     apply, precondition, largest = _operators(inputs)
@@ -101,7 +103,9 @@ def _eigenpairs(count: int, mass: MassKind, inputs: _Inputs) -> tuple[Array, Arr
 
 
 @_eigenpairs.defjvp
-def _eigenpairs_jvp(count: int, mass: MassKind, primals: tuple, tangents: tuple) -> tuple:
+def _eigenpairs_jvp(
+    count: int, mass: MassKind, primals: tuple[_Inputs], tangents: tuple[_Inputs]
+) -> tuple[Eigenpairs, Eigenpairs]:
     (inputs,), (change,) = primals, tangents
     values, shapes, errors = _eigenpairs(count, mass, inputs)
 
@@ -140,9 +144,10 @@ def _beyond(mass: MassKind, inputs: _Inputs, values: Array, shapes: Array, momen
         known = jax.lax.stop_gradient((inputs, values, shapes, momenta))
         return _solve_beyond(mass, *known, top, vectors)
 
-    return jax.lax.custom_linear_solve(
+    found: Array = jax.lax.custom_linear_solve(
         partial(jax.vmap(operator), values), right, solve, transpose_solve=solve, symmetric=True
     )
+    return found
 
 
 def _solve_beyond(
@@ -202,7 +207,8 @@ def _stiffness(inputs: _Inputs, vector: Array) -> Array:
     def force(positions: Array) -> Array:
         return -elastic_force(model.domains, positions, materials)
 
-    return free * jax.jvp(force, (inputs.positions,), (free * vector,))[1]
+    force_rate: Array = free * jax.jvp(force, (inputs.positions,), (free * vector,))[1]
+    return force_rate
 
 
 def _mass(kind: MassKind, inputs: _Inputs, vector: Array) -> Array:
@@ -218,7 +224,8 @@ def _shift(inputs: _Inputs) -> Array:
     model, params = inputs.model, inputs.params
     length = jnp.linalg.norm(jnp.max(model.rest, axis=0) - jnp.min(model.rest, axis=0))
     _, young = ratio_and_modulus(*element_stiffness(model, params))
-    return jax.lax.stop_gradient(0.01 * jnp.mean(young) / (jnp.mean(params.density) * length**2))
+    shift: Array = jax.lax.stop_gradient(0.01 * jnp.mean(young) / (jnp.mean(params.density) * length**2))
+    return shift
 
 
 def _inner(a: Array, b: Array) -> Array:

@@ -1,6 +1,7 @@
-"""Settings of the test process: double precision on (the package itself never sets it), compiled programs kept,
+"""Settings of the test process: double precision (the package never sets it), shapes checked, compiled programs kept,
 outside data located."""
 
+import importlib.util
 import os
 import pathlib
 
@@ -11,6 +12,11 @@ import programs
 import pytest
 
 jax.config.update("jax_enable_x64", True)
+
+if all(importlib.util.find_spec(name) for name in ("jaxtyping", "beartype")):  # of the extra `test`
+    import contracts
+
+    contracts.install()
 
 SHARED = pathlib.Path(__file__).resolve().parents[1].parent / "shared"
 

@@ -80,12 +80,18 @@ def _matrices(turns: np.ndarray) -> np.ndarray:
         return np.zeros((0, 3, 3))
     from scipy.spatial.transform import Rotation  # slow to import: scenes of soft bodies alone do without
 
-    return Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
+    matrices: np.ndarray = Rotation.from_quat(turns[:, [1, 2, 3, 0]]).as_matrix()
+    return matrices
 
 
-def rigid_parts(bodies: Sequence[RigidBody], names: Sequence[str], index: BodyIndex, dtype: Any):
+def rigid_parts(
+    bodies: Sequence[RigidBody], names: Sequence[str], index: BodyIndex, dtype: Any
+) -> tuple[RigidSet, RigidParams, RigidState]:
     """(RigidSet, RigidParams, RigidState) of the declared bodies, in their order."""
-    real = lambda v: jnp.asarray(np.asarray(v, float), dtype)  # noqa: E731
+
+    def real(values: Any) -> jax.Array:
+        return jnp.asarray(np.asarray(values, float), dtype)
+
     masses, _, inertias = zip(*[body.properties for body in bodies], strict=True)
     orientations = np.array([np.asarray(body.orientation, float) for body in bodies])
     orientations /= np.linalg.norm(orientations, axis=1, keepdims=True)

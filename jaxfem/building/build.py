@@ -15,7 +15,7 @@ from jaxfem.building.soft import body_constants, body_domains, check_body, check
 from jaxfem.declared.errors import checked_choice
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
-from jaxfem.elements.mass import MASSES
+from jaxfem.elements.mass import MASSES, MassKind
 from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.loads import FacePressure, WeightedForce
 from jaxfem.mesh import locate
@@ -39,7 +39,7 @@ def build(
     solver: str | Method = "auto",
     scheme: str | Scheme = "backward_euler",
     rho_inf: float | None = None,
-    mass: str = "lumped",
+    mass: MassKind = "lumped",
     rotation_update: str = "explicit",
     dtype: Any = None,
     tolerance: float | None = None,
@@ -102,7 +102,16 @@ def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:
         raise SceneError(str(problem)) from None
 
 
-def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mass) -> Model:
+def _model(
+    bodies: Sequence[SoftBody],
+    names: Sequence[str],
+    offsets: np.ndarray,
+    dtype: Any,
+    tolerance: float | None,
+    max_iterations: int,
+    scheme: Scheme,
+    mass: MassKind,
+) -> Model:
     points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
     own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
@@ -144,7 +153,7 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
         scheme=scheme,
         method=Condensed(),  # until all is known: see `choose.py`
         choice=Choice("auto", "not chosen yet"),
-        rotation=bodies[0].rotation if bodies else "polar",  # type: ignore[arg-type]
+        rotation=bodies[0].rotation if bodies else "polar",
         mass=mass,
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),
@@ -153,9 +162,10 @@ def _model(bodies, names, offsets, dtype, tolerance, max_iterations, scheme, mas
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
     def cast(motion: Motion) -> Motion:
-        return jax.tree.map(
+        made: Motion = jax.tree.map(
             lambda v: jnp.asarray(v, dtype), motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)
         )
+        return made
 
     return Params(
         constants=body_constants(bodies, dtype),
@@ -212,7 +222,7 @@ def _checked_faces(body: SoftBody, faces: Any) -> np.ndarray:
     return array
 
 
-def _check_value(body: SoftBody, value: Any, shapes: tuple, what: str) -> None:
+def _check_value(body: SoftBody, value: Any, shapes: Sequence[tuple[int, ...]], what: str) -> None:
     array = np.asarray(value, dtype=float)
     if array.shape not in shapes or not np.isfinite(array).all():
         raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')

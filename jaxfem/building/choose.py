@@ -38,7 +38,7 @@ def _many_across(built: Built) -> bool:
         return False
     step, model = jnp.ones((), built.model.rest.dtype), built.model
     system = jax.eval_shape(lambda: coupled_system(model, built.params, built.state, step))
-    across = sum(rows.bias.size for rows in system.extra.values() if rows.triples.shape[1] > 1)
+    across: int = sum(rows.bias.size for rows in system.extra.values() if rows.triples.shape[1] > 1)
     return across > min(MOST_EXACT, 2 * model.nodes)
 
 

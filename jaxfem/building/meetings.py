@@ -69,7 +69,8 @@ class Meeting(NamedTuple):
     def surface(self, side: Side) -> np.ndarray:
         """Triangles (t, 3) of a soft body's surface, as nodes of the scene."""
         triangles = self.bodies.soft[side.number].mesh.surface
-        return (triangles + self.bodies.offsets[side.number]).astype(np.int32)
+        nodes: np.ndarray = (triangles + self.bodies.offsets[side.number]).astype(np.int32)
+        return nodes
 
 
 def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:

@@ -67,12 +67,13 @@ def _corner_pairs(cells: np.ndarray, keys: np.ndarray, nodes: int) -> np.ndarray
     """Where the six pairs of each element's corners stand among the sorted keys of all pairs, (6, E)."""
     first, second = np.triu_indices(4, 1)
     a, b = cells[:, first].T.astype(np.int64), cells[:, second].T
-    return np.searchsorted(keys, np.minimum(a, b) * nodes + np.maximum(a, b))
+    places: np.ndarray = np.searchsorted(keys, np.minimum(a, b) * nodes + np.maximum(a, b))
+    return places
 
 
 def _valid(cells: np.ndarray) -> np.ndarray:
     """Where `cells` (D, m) hold a node and not padding, which repeats the first."""
-    real = cells != cells[:, :1]
+    real: np.ndarray = cells != cells[:, :1]
     real[:, 0] = True
     return real
 
@@ -113,7 +114,8 @@ def _incidences(cells: np.ndarray, valid: np.ndarray, nodes: int) -> np.ndarray:
         return np.zeros((nodes, 0), np.int64)
     flat = np.flatnonzero(valid.ravel())
     places = np.append(flat, cells.size)
-    return places[_occurrences(cells.ravel()[flat], nodes)]
+    incidences: np.ndarray = places[_occurrences(cells.ravel()[flat], nodes)]
+    return incidences
 
 
 def _occurrences(node: np.ndarray, nodes: int) -> np.ndarray:

@@ -49,7 +49,8 @@ def main(argv: Sequence[str] | None = None) -> int:
         warnings.simplefilter("always", jaxfem.AccuracyWarning)
         _show_warnings_briefly()
         try:
-            return args.run(args)
+            code: int = args.run(args)
+            return code
         except USER_ERRORS as problem:
             if debug:
                 raise

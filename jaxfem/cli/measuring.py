@@ -16,6 +16,8 @@ import numpy as np
 import jaxfem as jf
 from jaxfem.stepping import rollout
 
+Parts = tuple[jf.Model, jf.Params, jf.State]
+
 EXACT = 1e-11
 TOLERANCES = {"float32": (1e-2, 1e-3, 1e-4, 1e-5), "float64": (1e-2, 1e-4, 1e-6, 1e-8)}
 USUAL = 1e-4  # tolerance at which compile time, memory and the gradient are measured
@@ -38,7 +40,7 @@ class Standard:
     fixed: str = "x-"
     mirrored: bool = True
 
-    def build(self, dtype: Any, solver: str, tolerance: float) -> tuple:
+    def build(self, dtype: Any, solver: str, tolerance: float) -> Parts:
         """(model, params, state), from rest under gravity."""
         mesh = jf.mesh.box(self.size, self.cells, self.tets_per_cell, mirrored=self.mirrored)
         body = jf.SoftBody(
@@ -110,7 +112,7 @@ def count_rows(scenes: tuple[Standard, ...]) -> int:
     return len(scenes) * (1 + sum(1 + len(values) for values in TOLERANCES.values()))
 
 
-def _timed(scene: Standard, parts: tuple, precision: str, tolerance: float, exact: Any, repeats: int) -> Row:
+def _timed(scene: Standard, parts: Parts, precision: str, tolerance: float, exact: Any, repeats: int) -> Row:
     model, params, state = parts
     model = model.replace(tolerance=jnp.asarray(tolerance, model.rest.dtype))
 
@@ -136,7 +138,7 @@ def _timed(scene: Standard, parts: tuple, precision: str, tolerance: float, exac
     )
 
 
-def _costs(scene: Standard, parts: tuple, repeats: int) -> dict[str, Any]:
+def _costs(scene: Standard, parts: Parts, repeats: int) -> dict[str, Any]:
     """Seconds to compile a rollout, megabytes it needs beside its arguments, and its gradient's cost in runs."""
     model, params, state = parts
 

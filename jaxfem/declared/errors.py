@@ -28,7 +28,8 @@ def checked_direction(what: str, value: Any) -> np.ndarray:
     length = np.linalg.norm(array)
     if length == 0:
         raise SceneError(f"{what} is all zeros; give a direction")
-    return array / length
+    direction: np.ndarray = array / length
+    return direction
 
 
 def checked_number(what: str, value: Any, low: float = -np.inf, high: float = np.inf, open_low: bool = False) -> float:

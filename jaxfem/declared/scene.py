@@ -8,7 +8,8 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared import Joint, RigidBody, SceneError
-from jaxfem.declared.soft import ROTATIONS, STRAINS, Driven, SoftBody
+from jaxfem.declared.soft import ROTATIONS, Driven, SoftBody
+from jaxfem.elements.smoothing import STRAINS
 
 __all__ = ["ROTATIONS", "STRAINS", "Driven", "Scene", "SceneError", "SoftBody"]
 

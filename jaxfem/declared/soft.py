@@ -9,6 +9,7 @@ import numpy as np
 from jaxfem.declared.errors import SceneError, checked_choice
 from jaxfem.declared.loads import Load
 from jaxfem.elements.smoothing import STRAINS
+from jaxfem.elements.tetra import RotationKind
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, MaterialError
 from jaxfem.materials.linear import Linear
@@ -47,7 +48,7 @@ class SoftBody:
     loads: Sequence[Load] = ()
     velocity: Any = (0.0, 0.0, 0.0)
     strain: str = "element"
-    rotation: str = "polar"
+    rotation: RotationKind = "polar"
     name: str | None = None
     material: Material | None = None
 

@@ -69,7 +69,9 @@ def build_domains(
     )
 
 
-def _clusters(centres, body, volumes, nodes, valence, dtype) -> Clusters:
+def _clusters(
+    centres: np.ndarray, body: np.ndarray, volumes: np.ndarray, nodes: np.ndarray, valence: np.ndarray, dtype: Any
+) -> Clusters:
     """Clusters of neighbouring nodal domains of one body."""
     bodies = np.unique(body, return_inverse=True)[1]
     groups = body_groups(centres, bodies, CLUSTER_NODES, MOST_CLUSTERS)
@@ -104,7 +106,9 @@ def _owners(kind: str, cells: np.ndarray) -> tuple[np.ndarray, int]:
     return owners.reshape(len(cells), len(_EDGES)), len(keys)
 
 
-def _mean_gradients(owner, count, cells, weighted, place) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+def _mean_gradients(
+    owner: np.ndarray, count: int, cells: np.ndarray, weighted: np.ndarray, place: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Nodes (D, m) of each domain by their rank, the mean gradients (D, m, 3) in them, and how many there are (D,)."""
     ranks = int(place.max()) + 1
     keys, where = np.unique((owner[:, None].astype(np.int64) * ranks + place[cells]).ravel(), return_inverse=True)

@@ -41,9 +41,9 @@ class Frame:
     fields: dict[str, np.ndarray]
 
     def __getattr__(self, name: str) -> np.ndarray:  # only for what is no attribute of its own
-        fields = vars(self).get("fields", {})
+        fields: dict[str, np.ndarray] = vars(self).get("fields", {})
         if name in fields:
-            return fields[name]  # type: ignore[no-any-return]
+            return fields[name]
         raise AttributeError(f"the frame has no field {name!r}; it has {', '.join(fields)}")
 
 
@@ -162,7 +162,7 @@ class FrameWriter:
             writer.writerow([value if isinstance(value, str) else f"{value:.9g}" for value in row])
             file.flush()
 
-        add(columns)  # type: ignore[arg-type]
+        add(columns)
         return add
 
 
@@ -205,7 +205,8 @@ class _Tracked:
 
     def at(self, positions: np.ndarray) -> np.ndarray:
         """Where the points (q, 3) are when the nodes are at `positions` (n, 3)."""
-        return np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
+        places: np.ndarray = np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
+        return places
 
 
 @partial(jax.jit, static_argnames="names")

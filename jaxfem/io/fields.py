@@ -59,7 +59,8 @@ def _body(model: Model, params: Params, state: State) -> Array:
 @frame_field("von_mises", "Pa", "element")
 def _von_mises(model: Model, params: Params, state: State) -> Array:
     _, deviatoric = element_stiffness(model, params)
-    return von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
+    stress: Array = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
+    return stress
 
 
 def computed(model: Model, params: Params, state: State) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import Any
 
 from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
-from jaxfem.elements.mass import MASSES
+from jaxfem.elements.mass import MASSES, MassKind
 from jaxfem.io.scene_bodies import body_keys, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
@@ -41,7 +41,7 @@ class SceneFile:
     every: int
     solver: str
     scheme: Scheme
-    mass: str
+    mass: MassKind
     rotation_update: str
     tolerance: float | None
     max_iterations: int
@@ -152,8 +152,9 @@ def _steps(time: Table, dt: float) -> int:
         both = "both 'steps' and 'duration'" if "steps" in time else "neither 'duration' (s) nor 'steps'"
         raise SceneFileError(f"[time] has {both}: give one of them")
     if "steps" in time:
-        return time.integer("steps")
-    duration = time.number("duration", unit="s", positive=True)
+        given: int = time.integer("steps")
+        return given
+    duration: float = time.number("duration", unit="s", positive=True)
     steps = round(duration / dt)
     if steps < 1 or abs(steps * dt - duration) > 1e-6 * duration:
         low = max(1, int(duration / dt))

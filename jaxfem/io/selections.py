@@ -1,5 +1,6 @@
 """Selections of nodes and faces in scene files: named groups, and boxes or half-spaces in the undeformed mesh."""
 
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -58,7 +59,7 @@ def _parts(table: Table, key: str) -> list[Any]:
     return parts
 
 
-def _group(find: Any, name: str, where: str) -> np.ndarray:
+def _group(find: Callable[[str], np.ndarray], name: str, where: str) -> np.ndarray:
     try:
         return find(name)
     except MeshError as problem:

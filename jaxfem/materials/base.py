@@ -80,7 +80,7 @@ class Material:
         bare._set({}, vars(self))
         return bare
 
-    def _key(self) -> tuple:
+    def _key(self) -> tuple[Any, ...]:
         return type(self), tuple(getattr(self, name) for name in self.options)
 
     def __eq__(self, other: object) -> bool:

@@ -84,24 +84,28 @@ def as_integers(values: Any, what: str) -> Ints:
 def signed_volumes(points: Floats, cells: Ints) -> Floats:
     """Volume of each element (m,), negative where the last three nodes run clockwise seen from the first."""
     a, b, c, d = (points[cells[:, i]] for i in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+    volumes: Floats = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6.0
+    return volumes
 
 
 def edge_lengths(points: Floats, cells: Ints) -> Floats:
     """The six edge lengths of each element (m, 6)."""
     ends = points[cells[:, EDGES]]
-    return np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=-1)
+    lengths: Floats = np.linalg.norm(ends[:, :, 0] - ends[:, :, 1], axis=-1)
+    return lengths
 
 
 def repeated_nodes(cells: Ints) -> Mask:
     """Which elements (m,) name a node twice."""
     ordered = np.sort(cells, axis=1)
-    return (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    repeated: Mask = (ordered[:, 1:] == ordered[:, :-1]).any(axis=1)
+    return repeated
 
 
 def degenerate(points: Floats, cells: Ints) -> Mask:
     """Which elements (m,) have no volume to speak of, compared with their longest edge."""
-    return np.abs(signed_volumes(points, cells)) <= FLAT * edge_lengths(points, cells).max(axis=1) ** 3
+    flat: Mask = np.abs(signed_volumes(points, cells)) <= FLAT * edge_lengths(points, cells).max(axis=1) ** 3
+    return flat
 
 
 def first_equal(rows: Ints) -> Ints:

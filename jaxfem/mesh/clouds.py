@@ -111,7 +111,8 @@ def _lids(cells: Ints, alone: Mask, slivers: Ints) -> Mask:
 
 def _thin(cloud: Floats, cells: Ints, limit: float) -> Mask:
     size = checks.edge_lengths(cloud, cells).max(axis=1) ** 3
-    return np.abs(checks.signed_volumes(cloud, cells)) <= limit * size
+    thin: Mask = np.abs(checks.signed_volumes(cloud, cells)) <= limit * size
+    return thin
 
 
 def _has_gaps(cloud: Floats, cells: Ints, volume: float) -> bool:

@@ -136,7 +136,8 @@ def dihedral_angles(points: Floats, cells: Ints) -> Floats:
     normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
     first, second = np.triu_indices(4, 1)
     cosines = -np.einsum("mpi,mpi->mp", normals[:, first], normals[:, second])  # both normals point outward
-    return np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    angles: Floats = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    return angles
 
 
 def shapes(points: Floats, cells: Ints) -> Floats:
@@ -147,12 +148,14 @@ def shapes(points: Floats, cells: Ints) -> Floats:
     # with p, q, r the products of opposite edges: 24 V R = sqrt((p+q+r)(p+q-r)(p-q+r)(-p+q+r))
     p, q, r = (edges[:, i] * edges[:, 5 - i] for i in range(3))
     product = (p + q + r) * (p + q - r) * (p - q + r) * (-p + q + r)
-    return 72.0 * volumes * inscribed / np.sqrt(np.maximum(product, np.finfo(float).tiny))
+    found: Floats = 72.0 * volumes * inscribed / np.sqrt(np.maximum(product, np.finfo(float).tiny))
+    return found
 
 
 def _areas(points: Floats, triangles: Ints) -> Floats:
     a, b, c = (points[triangles[:, i]] for i in range(3))
-    return 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    areas: Floats = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    return areas
 
 
 def _coincident(points: Floats) -> int:

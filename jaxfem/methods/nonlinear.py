@@ -68,7 +68,8 @@ class ImplicitRotations(Method):
                 'with rotation_update = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts: '
                 'use rotation_update = "explicit"'
             )
-        return self.inner.refuses(facts)  # type: ignore[no-any-return]
+        why: str | None = self.inner.refuses(facts)
+        return why
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
         """As the method inside."""
@@ -80,7 +81,8 @@ class ImplicitRotations(Method):
 
     def impulses(self, model: Model, memory: Any) -> Impulses:
         """As the method inside."""
-        return self.inner.impulses(model, memory)  # type: ignore[no-any-return]
+        found: Impulses = self.inner.impulses(model, memory)
+        return found
 
     def step(
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
@@ -88,7 +90,7 @@ class ImplicitRotations(Method):
         """One step; `info.iterations` are those of all rounds."""
         inputs = _Inputs(model, params, state, dt, forces, cache)
         guess = jax.lax.stop_gradient((state.velocities, state.memory))
-        unknown, (info, impulses) = implicit_solution(_EndOfStep(self.inner), inputs, guess)  # type: ignore[arg-type]
+        unknown, (info, impulses) = implicit_solution(_EndOfStep(self.inner), inputs, guess)
         free = model.free[:, None] > 0
         velocities = jnp.where(free, unknown, prescribed_velocity(model, params, state, dt))
         return ended(model, params, state, dt, Solved(velocities, impulses, info))
@@ -181,7 +183,8 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -
         worse = ~(residual <= GROWTH * s.least) & inner.guarded
         choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(worse, 1, 2))
         branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
-        return jax.lax.switch(choice, branches)
+        following: _Rounds = jax.lax.switch(choice, branches)
+        return following
 
     def running(s: _Rounds) -> Array:
         return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS)

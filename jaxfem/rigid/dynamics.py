@@ -69,7 +69,8 @@ def world_inertia(bodies: RigidSet, mass: Array, orientations: Array) -> Array:
 def turned(orientations: Array, rotation: Array) -> Array:
     """Orientations (b, 4) after a rotation by the vectors (b, 3) [rad] in the world frame; of unit length."""
     product = quaternion_multiply(quaternion_from_rotation_vector(rotation), orientations)
-    return product / jnp.linalg.norm(product, axis=-1, keepdims=True)
+    unit: Array = product / jnp.linalg.norm(product, axis=-1, keepdims=True)
+    return unit
 
 
 def midway(bodies: RigidSet, state: RigidState, dt: Array) -> Array:

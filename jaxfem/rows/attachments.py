@@ -132,7 +132,8 @@ class WorldFrame(Pytree):
 
     def axes(self, at: Configuration) -> Array:
         """The axes themselves."""
-        return self.local
+        local: Array = self.local
+        return local
 
     def spin(self, at: Configuration) -> tuple[Array, Array]:
         """No triple."""

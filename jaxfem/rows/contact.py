@@ -103,7 +103,8 @@ class ShapeContacts(Candidates):
 
     def _distance(self, places: Array, at: Configuration) -> tuple[Array, Array]:
         def one(shape: Any, place: Array) -> Array:
-            return shape.distance(place)
+            found: Array = shape.distance(place)
+            return found
 
         measure = jax.vmap(jax.value_and_grad(one, argnums=1), in_axes=(None if self.shared else 0, 0))
         if self.body is None:

@@ -100,6 +100,8 @@ class GeneralizedAlpha(Scheme):
         def trip(k: Array, u: Array) -> Array:
             at = turn * jnp.minimum(1, (k // 3 + 1) / CONTINUATION)
             value, rate = jax.jvp(partial(polynomial, at=at), (u,), (jnp.ones_like(u),))
-            return u - value / rate
+            better: Array = u - value / rate
+            return better
 
-        return jax.lax.fori_loop(0, 3 * CONTINUATION + 3, trip, jnp.full(turn.shape, 1j))
+        found: Array = jax.lax.fori_loop(0, 3 * CONTINUATION + 3, trip, jnp.full(turn.shape, 1j))
+        return found

@@ -1,7 +1,7 @@
 """Stabilised biconjugate gradients: for linear systems without symmetry, one product a trip."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,8 @@ from jax import Array
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo, Status
+
+T = TypeVar("T")
 
 
 class _State(Pytree):
@@ -28,12 +30,12 @@ class _State(Pytree):
 
 def bicgstab(
     matvec: Callable[[Any], Any],
-    b: Any,
+    b: T,
     preconditioner: Callable[[Any], Any] = lambda r: r,
     *,
     tol: Any = 1e-8,
     max_iterations: Any = 1000,
-) -> tuple[Any, SolveInfo]:
+) -> tuple[T, SolveInfo]:
     """Solve P A x = P b, A and P regular, from x = 0 until ||P (b - A x)|| <= tol ||P b||.
 
     matvec: x -> A x.  b: floating array of any shape, or a pytree of arrays.  preconditioner: r -> P r.
@@ -50,7 +52,8 @@ def bicgstab(
         return jnp.where(broken, done, int(Status.NOT_FINITE)).astype(jnp.int32)
 
     def running(s: _State) -> Array:
-        return (s.status == Status.ITERATION_LIMIT) & (s.iteration < max_iterations)
+        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.iteration < max_iterations)
+        return more
 
     def trip(s: _State) -> _State:
         # first half:   v = P A p,  alpha = rho / (b'v),      x += alpha p,  r -= alpha v

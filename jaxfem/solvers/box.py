@@ -73,7 +73,8 @@ class Box(Pytree):
     def weak(self, x: Any, g: Any, threshold: Array) -> Array:
         """How many entries are at a bound, to within the threshold, with a gradient of no more than the threshold."""
         counts = self.each(partial(_weak, threshold), lambda v, h: None, x, g)
-        return sum((c for c in counts if c is not None), start=jnp.int32(0))
+        total: Array = sum((c for c in counts if c is not None), start=jnp.int32(0))
+        return total
 
 
 def where_at(low: Array, up: Array, x: Array) -> tuple[Array, Array, Array]:

@@ -13,7 +13,7 @@ from jax.interpreters import ad, batching, mlir
 Array = jax.Array
 Solve = Callable[..., tuple[Any, Any]]
 Pushed = Callable[[Callable[..., Any]], Any]
-Tangent = Callable[[Any, Any, tuple, Pushed], Any]
+Tangent = Callable[[Any, Any, Any, Pushed], Any]
 
 SOLUTION = "jaxfem_solution"
 """Name under which solutions are marked, so that checkpointing can keep them and recompute everything else."""
@@ -79,7 +79,8 @@ class _Lanes:
     def change(self, found: list[Array], leaves: list[Array], steps: dict[int, Array]) -> list[Array]:
         own = {number: self.axes[number] for number in steps}
         batch = jax.vmap(self.one.change, (0, list(self.axes), own), axis_size=self.size)
-        return batch(found, leaves, steps)  # type: ignore[no-any-return]
+        change: list[Array] = batch(found, leaves, steps)
+        return change
 
 
 # A primitive and not `jax.custom_jvp`: taking a scan apart for reverse derivatives drops the rules of the latter, and
@@ -89,7 +90,8 @@ _solved.multiple_results = True
 
 
 def _run(*leaves: Array, program: Any, made: ClosedJaxpr) -> list[Array]:
-    return jaxpr_as_fun(made)(*leaves)  # type: ignore[no-any-return]
+    found: list[Array] = jaxpr_as_fun(made)(*leaves)
+    return found
 
 
 def _jvp(primals: Sequence[Array], tangents: Sequence[Any], *, program: Any, made: ClosedJaxpr) -> tuple[Any, Any]:

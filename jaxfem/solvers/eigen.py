@@ -61,7 +61,8 @@ def lowest_eigenpairs(
         return values, jnp.where(jnp.sum(x * mx, axis=1) < 0.5, jnp.inf, errors), corrections
 
     def running(s: _State) -> Array:
-        return jnp.any(s.errors[:count] > tol) & (s.iteration < max_iterations)
+        more: Array = jnp.any(s.errors[:count] > tol) & (s.iteration < max_iterations)
+        return more
 
     def trip(s: _State) -> _State:
         x, kx, mx = s.vectors, stiffness(s.vectors), mass(s.vectors)

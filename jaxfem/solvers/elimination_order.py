@@ -6,6 +6,8 @@ remains, in an order of small bandwidth (Cuthill & McKee 1969) and cut into dens
 neighbouring blocks couple: a block tridiagonal matrix.
 """
 
+from collections.abc import Mapping, Sequence
+
 import numpy as np
 
 from jaxfem.pytrees import Pytree
@@ -129,7 +131,14 @@ def _links(nodes: list[int], neighbours: list[set[int]]) -> tuple[np.ndarray, np
     return links[:, 0], links[:, 1]
 
 
-def _leaves(rounds, place, blocks, count: int, zero: int, width: int) -> Leaves:
+def _leaves(
+    rounds: Sequence[Sequence[tuple[int, list[int]]]],
+    place: np.ndarray,
+    blocks: Mapping[tuple[int, int], int],
+    count: int,
+    zero: int,
+    width: int,
+) -> Leaves:
     widest = max(max((len(own) for _, own in nodes), default=0) for nodes in rounds)
     shape = len(rounds), max(len(nodes) for nodes in rounds)
     nodes_at = np.full(shape, count)
@@ -153,7 +162,9 @@ def upper_pairs(width: int) -> list[tuple[int, int]]:
     return [(a, b) for a in range(width) for b in range(a, width)]
 
 
-def _core(core: list[int], neighbours: list[set[int]], blocks, count: int, zero: int) -> Core:
+def _core(
+    core: list[int], neighbours: list[set[int]], blocks: Mapping[tuple[int, int], int], count: int, zero: int
+) -> Core:
     rows, columns = _links(core, neighbours)
     size = max(LEAST_BLOCK, int(np.abs(rows - columns).max(initial=0)))
     number = -(-len(core) // size)

@@ -1,7 +1,7 @@
 """One derivative rule for every solver: differentiate the condition that the solution meets, not the iterations."""
 
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -12,6 +12,7 @@ from jaxfem.solvers.differentiation import SOLUTION, solved
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
+T = TypeVar("T")
 
 __all__ = ["SOLUTION", "Condition", "implicit_solution", "or_nan", "tangent_solution", "unless_zero"]
 
@@ -44,7 +45,7 @@ def implicit_solution(condition: Condition, inputs: Any, guess: Any) -> tuple[An
     Source: Christianson 1994; Griewank & Walther 2008.
     """
 
-    def tangent(unknown: Any, info: Any, arguments: tuple, pushed: Any) -> Any:
+    def tangent(unknown: Any, info: Any, arguments: tuple[Any, Any], pushed: Any) -> Any:
         inputs, _ = arguments
         # gradient(inputs, unknown) = 0   =>   H d unknown = -(d gradient / d inputs) d inputs
         right = pushed(lambda inputs, guess: condition.gradient(inputs, unknown))
@@ -87,21 +88,22 @@ def tangent_solution(
     return shaped(found)
 
 
-def unless_zero(solve: Callable[[Any, Any], tuple[Any, SolveInfo]], inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
+def unless_zero(solve: Callable[[Any, T], tuple[T, SolveInfo]], inputs: Any, right: T) -> tuple[T, SolveInfo]:
     """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
 
     That is so for steps that what is differentiated does not depend on, and setting up a system may be half the work.
     """
 
-    def nothing(inputs: Any, right: Any) -> tuple[Any, SolveInfo]:
+    def nothing(inputs: Any, right: T) -> tuple[T, SolveInfo]:
         dtype = jnp.result_type(*jax.tree.leaves(right))
         none = jnp.int32(0)
         return jax.tree.map(jnp.zeros_like, right), SolveInfo(none, none, jnp.zeros((), dtype), none)
 
     some = jnp.stack([jnp.any(leaf != 0) for leaf in jax.tree.leaves(right)]).any()
-    return cond_any(some, solve, nothing, inputs, right)  # type: ignore[no-any-return]
+    return cond_any(some, solve, nothing, inputs, right)
 
 
-def or_nan(solution: Any, info: Any) -> Any:
+def or_nan(solution: T, info: Any) -> T:
     """A derivative whose linear solve failed is NaN, never a plausible number."""
-    return jax.tree.map(lambda leaf: jnp.where(info.status == int(Status.CONVERGED), leaf, jnp.nan), solution)
+    found: T = jax.tree.map(lambda leaf: jnp.where(info.status == int(Status.CONVERGED), leaf, jnp.nan), solution)
+    return found

@@ -104,15 +104,16 @@ def _operator(A: Any, b: Array, diagonal: Any) -> tuple[Callable[..., Array], tu
 
 
 def _traced(jaxpr: Any, x: Array, *operands: Any) -> Array:
-    return jaxpr_as_fun(ClosedJaxpr(jaxpr, operands))(x)[0]
+    product: Array = jaxpr_as_fun(ClosedJaxpr(jaxpr, operands))(x)[0]
+    return product
 
 
 def _dense(x: Array, A: Array) -> Array:
     return jnp.matmul(A, x, precision=jax.lax.Precision.HIGHEST)
 
 
-def _vector(name: str, value: Any) -> Array:
-    value = jnp.asarray(value)
+def _vector(name: str, given: Any) -> Array:
+    value: Array = jnp.asarray(given)
     if value.ndim != 1 or value.shape[0] == 0 or jnp.issubdtype(value.dtype, jnp.complexfloating):
         raise ValueError(f"{name} has shape {value.shape} and type {value.dtype}; it must be a real vector (n,), n > 0")
     return value.astype(jnp.promote_types(value.dtype, jnp.float32)) if value.dtype.kind != "f" else value

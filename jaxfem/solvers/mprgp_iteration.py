@@ -106,7 +106,8 @@ def _minimise(
     first = _State(*at, yes, ~yes, none, zero, trees.norm(b), zero, none, status)
 
     def running(s: _State) -> Array:
-        return (s.status == Status.ITERATION_LIMIT) & (s.iteration < rules.limit)
+        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.iteration < rules.limit)
+        return more
 
     end = jax.lax.while_loop(running, lambda s: _trip(operator, b, box, rules, s), first)
     relative = end.residual / jnp.where(end.scale > 0, end.scale, 1)
@@ -186,7 +187,8 @@ def _proportional(box: Box, rules: _Rules, s: _State, x: Any, phi: Any, beta: An
 
     chopped = box.each(shortened, lambda x, v: None, x, beta)
     free = box.each(shortened, whole, x, phi)
-    return sum(c for c in chopped if c is not None) <= rules.gamma**2 * sum(free)
+    small: Array = sum(c for c in chopped if c is not None) <= rules.gamma**2 * sum(free)
+    return small
 
 
 def _rises(s: _State, change: Array, ww: Array) -> Array:

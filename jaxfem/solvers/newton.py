@@ -64,7 +64,8 @@ def minimize_newton(
         # A gradient of rounding ends the way, where the step that it asks for is small beside the way already made.
         little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(x - start)
         unloaded = ~jnp.any(here.load)
-        return (jnp.linalg.norm(here.gradient) <= here.noise) & (little | unloaded)
+        ended: Array = (jnp.linalg.norm(here.gradient) <= here.noise) & (little | unloaded)
+        return ended
 
     def judge(here: Evaluation) -> Array:
         residual = jnp.linalg.norm(here.gradient) / here.scale

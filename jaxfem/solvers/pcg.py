@@ -1,7 +1,7 @@
 """Preconditioned conjugate gradients: the linear solver that the others lean on."""
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
@@ -10,6 +10,8 @@ from jax import Array
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo, Status
+
+T = TypeVar("T")
 
 
 class _State(Pytree):
@@ -29,13 +31,13 @@ def default_limit(b: Any) -> int:
 
 def pcg(
     matvec: Callable[[Any], Any],
-    b: Any,
+    b: T,
     preconditioner: Callable[[Any], Any] | None = None,
     x0: Any = None,
     tol: Any = 1e-8,
     max_iterations: Any = None,
     absolute: Any = 0.0,
-) -> tuple[Any, SolveInfo]:
+) -> tuple[T, SolveInfo]:
     """Solve A x = b, A symmetric positive definite, until ||b - A x|| <= max(tol ||b||, absolute).
 
     matvec: x -> A x.  b: floating array of any shape, or a pytree of arrays.  preconditioner: r -> M^-1 r, symmetric

@@ -47,7 +47,8 @@ def pgs(
         return x.at[i].set(jnp.minimum(jnp.maximum(best, low[i]), up[i]))
 
     def split(x: Array, g: Array) -> Array:
-        return trees.plus(*(box.split(x, g)[0], 1.0, box.split(x, g)[1]))
+        projected: Array = trees.plus(*(box.split(x, g)[0], 1.0, box.split(x, g)[1]))
+        return projected
 
     return pgs_loop(
         lambda x: jax.lax.fori_loop(0, b.shape[0], entry, x),
@@ -102,7 +103,8 @@ def pgs_loop(
         return x, residual, iteration + 1, judged(residual, status)
 
     def running(carry: Any) -> Array:
-        return (carry[3] == Status.ITERATION_LIMIT) & (carry[2] < limit)
+        more: Array = (carry[3] == Status.ITERATION_LIMIT) & (carry[2] < limit)
+        return more
 
     begin = (start, at_start, jnp.int32(0), judged(at_start, first))
     x, residual, iteration, status = jax.lax.while_loop(running, trip, begin)

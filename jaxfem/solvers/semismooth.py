@@ -154,7 +154,8 @@ def minimize_with_rows(
     first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
 
     def running(s: _State) -> Array:
-        return (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
+        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
+        return more
 
     def trip(s: _State) -> _State:
         before = s.free
@@ -286,7 +287,8 @@ def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change:
         return jnp.where((newton >= low) & (newton <= high), newton, middle), low, high
 
     one = jnp.ones((), step.dtype)
-    return jax.lax.fori_loop(0, SEARCHES, refine, (one, 0 * one, jnp.inf * one))[0]
+    length: Array = jax.lax.fori_loop(0, SEARCHES, refine, (one, 0 * one, jnp.inf * one))[0]
+    return length
 
 
 def _push(rows: Sequence[RowOperator], impulses: Blocks) -> Array:

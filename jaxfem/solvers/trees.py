@@ -1,11 +1,13 @@
 """Vector arithmetic on pytrees of arrays: unknowns may come as blocks of rows of several shapes, never concatenated."""
 
 from functools import reduce
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax import Array
+
+T = TypeVar("T")
 
 
 def dot(a: Any, b: Any) -> Array:
@@ -19,29 +21,34 @@ def norm(a: Any) -> Array:
     return jnp.sqrt(dot(a, a))
 
 
-def plus(a: Any, scale: Any, b: Any) -> Any:
+def plus(a: T, scale: Any, b: T) -> T:
     """a + scale * b."""
-    return jax.tree.map(lambda u, v: u + scale * v, a, b)
+    total: T = jax.tree.map(lambda u, v: u + scale * v, a, b)
+    return total
 
 
-def minus(a: Any, b: Any) -> Any:
+def minus(a: T, b: T) -> T:
     """a - b."""
-    return jax.tree.map(lambda u, v: u - v, a, b)
+    difference: T = jax.tree.map(lambda u, v: u - v, a, b)
+    return difference
 
 
-def times(a: Any, b: Any) -> Any:
+def times(a: T, b: T) -> T:
     """a * b, entry by entry."""
-    return jax.tree.map(lambda u, v: u * v, a, b)
+    product: T = jax.tree.map(lambda u, v: u * v, a, b)
+    return product
 
 
-def where(condition: Any, a: Any, b: Any) -> Any:
+def where(condition: Any, a: T, b: T) -> T:
     """a where the scalar condition holds, otherwise b."""
-    return jax.tree.map(lambda u, v: jnp.where(condition, u, v), a, b)
+    chosen: T = jax.tree.map(lambda u, v: jnp.where(condition, u, v), a, b)
+    return chosen
 
 
-def zeros(a: Any) -> Any:
+def zeros(a: T) -> T:
     """Zeros of the shapes and dtypes of a."""
-    return jax.tree.map(jnp.zeros_like, a)
+    none: T = jax.tree.map(jnp.zeros_like, a)
+    return none
 
 
 def size(a: Any) -> int:

@@ -38,4 +38,5 @@ def _acceleration(model: Model, params: Params, force: Array) -> Array:
     def solve(matvec: Any, right: Array) -> Array:
         return or_nan(*pcg(matvec, right, lambda r: r / jax.lax.stop_gradient(mass), tol=model.tolerance))
 
-    return jax.lax.custom_linear_solve(product, force * free, solve, symmetric=True)
+    found: Array = jax.lax.custom_linear_solve(product, force * free, solve, symmetric=True)
+    return found

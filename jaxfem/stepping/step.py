@@ -23,11 +23,12 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
     """
     params, state, dt_, forces = typed(model, params, state, dt, forces)
     check_call(model, params, state, dt, forces)
-    return _step(model, params, state, dt_, forces)
+    following: tuple[State, StepInfo] = _step(model, params, state, dt_, forces)
+    return following
 
 
 @jax.jit
-def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None):
+def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
     state = begun(model, params, state, forces)
     return model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
 
@@ -81,38 +82,50 @@ def rollout(
     check_rollout(steps, every, checkpoint)
     if varying and len(forces) != steps:
         raise StepError(f"forces has {len(forces)} rows for {steps} steps")
-    return _rollout(model, params, state, dt_, forces, steps, every, checkpoint)
+    saved: tuple[State, StepInfo] = _rollout(model, params, state, dt_, forces, steps, every, checkpoint)
+    return saved
 
 
 @partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
-def _rollout(model, params, state, dt, forces, steps, every, checkpoint):
-    varying = forces is not None and forces.ndim == 3
-    state = begun(model, params, state, forces[0] if varying else forces)
+def _rollout(
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Array,
+    forces: Array | None,
+    steps: int,
+    every: int,
+    checkpoint: int | None,
+) -> tuple[State, StepInfo]:
+    series = None if forces is None or forces.ndim != 3 else forces
+    state = begun(model, params, state, forces if series is None else series[0])
     cache = _cache(model, params, state, dt)  # made once for all steps
 
-    def one(carry: State, force: Array | None):
-        return model.method.step(model, params, carry, dt, force if varying else forces, cache)
+    def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
+        return model.method.step(model, params, carry, dt, forces if force is None else force, cache)
 
-    def frame(carry: State, force: Array | None):
+    def frame(carry: State, force: Array | None) -> tuple[State, tuple[State, StepInfo]]:
         following, infos = jax.lax.scan(one, carry, force, length=every)
         return following, (following, worst(infos))
 
-    def block(carry: State, force: Array | None):
+    def block(carry: State, force: Array | None) -> tuple[State, tuple[State, StepInfo]]:
         return jax.lax.scan(frame, carry, force, length=(checkpoint or steps) // every)
 
     per_block = (checkpoint or steps) // every
     blocks = steps // (checkpoint or steps)
-    sliced = forces.reshape(blocks, per_block, every, *forces.shape[1:]) if varying else None
+    sliced = None if series is None else series.reshape(blocks, per_block, every, *series.shape[1:])
     if checkpoint is None:
         return block(state, None if sliced is None else sliced[0])[1]
     # Solutions are small and dear, all else is large and cheap: keep the first, recompute the second.
     keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
     _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), state, sliced, length=blocks)
-    return jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
+    together: tuple[State, StepInfo]
+    together = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
+    return together
 
 
 def worst(infos: StepInfo) -> StepInfo:
     """One info for several: the first status that is not 0, the largest of everything else."""
     first = jnp.argmax(infos.status != 0)
-    largest = jax.tree.map(lambda leaf: jnp.max(leaf, axis=0), infos)
+    largest: StepInfo = jax.tree.map(lambda leaf: jnp.max(leaf, axis=0), infos)
     return largest.replace(status=infos.status[first])

@@ -12,7 +12,7 @@ from jaxfem.model import Model, Params, State, domain_materials, element_constan
 Array = jax.Array
 
 
-def first_memory(kinds: Sequence[Domains], dtype: Any) -> tuple | None:
+def first_memory(kinds: Sequence[Domains], dtype: Any) -> tuple[Any, ...] | None:
     """What is remembered at rest, one entry for each kind of domains; None where no material has a memory."""
     shapes = [(each.rows.stop - each.rows.start, *each.row_volumes.shape) for each in kinds]
     found = tuple(each.law.internal0(jnp.zeros(shape, dtype)) for each, shape in zip(kinds, shapes, strict=True))

@@ -155,7 +155,8 @@ def elastic_rounding(model: Model, params: Params, positions: Array) -> Array:
     def force(x: Array) -> Array:
         return viscoelastic_force(model.domains, x, still, materials, model.rotation)
 
-    return jnp.linalg.norm(force(positions + digit * signs) - force(positions))
+    rounding: Array = jnp.linalg.norm(force(positions + digit * signs) - force(positions))
+    return rounding
 
 
 def prescribed_velocity(model: Model, params: Params, state: State, dt: Array) -> Array:
@@ -178,4 +179,5 @@ def stage_of(model: Model, state: State, prescribed: Array, dt: Array, impact: A
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:
     """At rest forces cancel, and a residual relative to their sum would mean nothing: this bounds it from below."""
     size = jnp.linalg.norm(load) + jnp.linalg.norm(mass[:, None] * velocities)
-    return jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * size)
+    floor: Array = jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * size)
+    return floor

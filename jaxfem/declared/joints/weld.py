@@ -50,4 +50,5 @@ class WeldJoint(Joint, kind="weld"):
         chosen = body.nodes_of("nodes of a weld", self.nodes)
         if not len(chosen):
             raise SceneError(f"{where} ties no node: its selection of nodes is empty")
-        return body.mesh.points[chosen]
+        places: np.ndarray = body.mesh.points[chosen]
+        return places

@@ -66,7 +66,7 @@ def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> So
         best = search.found(system, plan, row_operator(system), guess)
         return best.impulses, (best.sides, best.velocities, best.info)
 
-    def tangent(found: Impulses, rest: Any, arguments: tuple, pushed: Any) -> Any:
+    def tangent(found: Impulses, rest: Any, arguments: tuple[System, Any, Impulses], pushed: Any) -> Any:
         system, plan, _ = arguments
         sides = rest[0]
         right = pushed(lambda system, plan, guess: _condition(system, sides, cone, found))
@@ -94,7 +94,10 @@ def _condition(system: System, sides: Impulses, cone: bool, unknown: Impulses) -
     residual = trees.minus(operator.apply(settled), operator.right)
     if cone:
         residual = _cone_condition(system, settled, residual, weights)
-    return jax.tree.map(lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown)
+    residuals: Impulses = jax.tree.map(
+        lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown
+    )
+    return residuals
 
 
 def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses) -> Impulses:
@@ -119,7 +122,8 @@ def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Im
         limit = system.max_iterations
         solution, info = bicgstab(matvec, vector, scaled, tol=system.tolerance, max_iterations=limit)
         good = info.residual <= jnp.sqrt(system.tolerance)
-    return jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+    found: Impulses = jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+    return found
 
 
 def _diagonal(weights: Impulses) -> Any:
@@ -133,6 +137,7 @@ def _scaled_factor(system: System, plan: Any, weights: Impulses, sides: Impulses
     factor = row_preconditioner(system, plan, weights, free)
 
     def apply(residual: Impulses) -> Impulses:
-        return jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
+        found: Impulses = jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
+        return found
 
     return apply

@@ -101,7 +101,10 @@ def search_by_elimination(
         )
         return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
 
-    return jax.lax.cond(info.status == 0, lambda: (impulses, velocities, info), go_on)
+    found: tuple[Impulses, Array, SolveInfo] = jax.lax.cond(
+        info.status == 0, lambda: (impulses, velocities, info), go_on
+    )
+    return found
 
 
 def _status(end: _Round, wanted: Array) -> Array:
@@ -109,7 +112,7 @@ def _status(end: _Round, wanted: Array) -> Array:
     return jnp.where(jnp.isfinite(end.size), good, int(Status.NOT_FINITE)).astype(jnp.int32)
 
 
-def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: tuple, wanted: Array) -> Array:
+def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: Bounds, wanted: Array) -> Array:
     """Rows at a bound with no force against it, in scaled variables."""
     box = make_box(impulses, *bounds).divided(jax.tree.map(lambda r: 1 / r, root))
     gradient = jax.tree.map(jnp.divide, end.found.residual, root)
@@ -138,7 +141,8 @@ def _refined(
 
     def running(carry: Any) -> Array:
         _, residual, _, _, trips = carry
-        return (trees.norm(residual) > wanted) & (trips < limit)
+        more: Array = (trees.norm(residual) > wanted) & (trips < limit)
+        return more
 
     def trip(carry: Any) -> Any:
         found, residual, before, direction, trips = carry

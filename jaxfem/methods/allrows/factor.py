@@ -35,7 +35,8 @@ def row_preconditioner(
     def apply(residual: Impulses) -> Impulses:
         found = solve_factored(order.elimination, factor, _packed(order, residual, 0.0))
         solved = _unpacked(order, found, residual)
-        return jax.tree.map(lambda x, r: jnp.where(sound, x, r), solved, residual)
+        kept: Impulses = jax.tree.map(lambda x, r: jnp.where(sound, x, r), solved, residual)
+        return kept
 
     return apply
 

@@ -49,4 +49,5 @@ def velocities_from(system: System, impulses: Impulses) -> Array:
 
 
 def _diagonal(rows: Any, inverse: tuple[Array, Array | None]) -> Array:
-    return rows.diagonal(*inverse) if hasattr(rows, "triples") else rows.diagonal(inverse[0])
+    diagonal: Array = rows.diagonal(*inverse) if hasattr(rows, "triples") else rows.diagonal(inverse[0])
+    return diagonal

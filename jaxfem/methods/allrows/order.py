@@ -15,6 +15,9 @@ import numpy as np
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.elimination_order import EliminationOrder, core_size, elimination_order
 
+Node = tuple[frozenset[int], list[tuple[int, int]]]
+"""Bodies, and the (kind, block) of its rows."""
+
 MOST_ROWS = 6
 MOST_WORK = 2e9
 """Multiplications in the dense core beyond which rows are not eliminated: a tenth of a second and more."""
@@ -62,13 +65,16 @@ def row_order(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np
     rows, places, acted, parts = _placed(nodes, size, triples, heights, body_of, row_starts, part_starts)
     shared = _shared(elimination.pairs, acted, int(body_of.shape[0]))
     found = RowOrder(rows, places, acted, parts, shared, elimination)
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.int32), found)
+    on_device: RowOrder = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.int32), found)
+    return on_device
 
 
-def _nodes(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np.ndarray):
+def _nodes(
+    triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np.ndarray
+) -> tuple[list[Node], np.ndarray, np.ndarray]:
     """Nodes as (bodies, [(kind, block), ...]), and where each kind's rows and parts start."""
-    nodes: list[tuple[frozenset, list[tuple[int, int]]]] = []
-    open_nodes: dict[frozenset, tuple[int, int]] = {}
+    nodes: list[Node] = []
+    open_nodes: dict[frozenset[int], tuple[int, int]] = {}
     for kind, own in enumerate(triples):
         for block, bodies in enumerate(body_of[own].tolist() if own.size else [[]] * len(own)):
             key = frozenset(bodies) - {-1}
@@ -83,7 +89,15 @@ def _nodes(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np.nd
     return nodes, rows, parts
 
 
-def _placed(nodes, size, triples, heights, body_of, row_starts, part_starts):
+def _placed(
+    nodes: Sequence[Node],
+    size: int,
+    triples: Sequence[np.ndarray],
+    heights: Sequence[int],
+    body_of: np.ndarray,
+    row_starts: np.ndarray,
+    part_starts: np.ndarray,
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """`rows`, `places`, `triples` and `parts` of a RowOrder."""
     own = []
     for _, blocks in nodes:

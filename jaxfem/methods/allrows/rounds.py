@@ -45,7 +45,10 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
 
     def running(carry: Any) -> Array:
         found, _, moved, rounds, _ = carry
-        return (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (found.info.status == 0)
+        more: Array = (
+            (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (found.info.status == 0)
+        )
+        return more
 
     # Into the loop as if a round had been made, so that it is compiled once.
     radii, zero = friction_radii(system.friction, guess), jnp.int32(0)
@@ -55,4 +58,5 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
     found, _, moved, _, total = jax.lax.while_loop(running, trip, start)
     unsettled = (moved > FRICTION_SLACK * system.tolerance) & (found.info.status == 0)
     status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
-    return found.replace(info=found.info.replace(iterations=total, status=status))
+    ended: Found = found.replace(info=found.info.replace(iterations=total, status=status))
+    return ended

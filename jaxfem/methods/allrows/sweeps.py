@@ -71,7 +71,8 @@ class SweepSearch:
 
         def projected(impulses: Impulses, gradient: Impulses) -> Impulses:
             moved = projected_step(system, impulses, gradient, diagonal)
-            return jax.tree.map(lambda d, lam, new: d * (lam - new), diagonal, impulses, moved)
+            residual: Impulses = jax.tree.map(lambda d, lam, new: d * (lam - new), diagonal, impulses, moved)
+            return residual
 
         found, info = pgs_loop(
             partial(_sweep, system, blocks, operator.inverse),
@@ -143,7 +144,8 @@ def _sweep_blocks(blocks: _Blocks, lams: Array, velocities: Array, radius: Array
             own = own.at[r].set(best)
         return lams.at[i].set(own), v
 
-    return jax.lax.fori_loop(0, lams.shape[0], visit, (lams, velocities))
+    swept: tuple[Array, Array] = jax.lax.fori_loop(0, lams.shape[0], visit, (lams, velocities))
+    return swept
 
 
 def _blocks(rows: PointRows, inverse: tuple[Array, Array | None]) -> _Blocks:

@@ -22,7 +22,7 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
-from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix, inverse_blocks
+from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix
 from jaxfem.methods.nodes.row_coarse import coarse_space
 from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
 from jaxfem.rows.bounds import (
@@ -41,9 +41,11 @@ from jaxfem.solvers.implicit import or_nan, unless_zero
 from jaxfem.solvers.semismooth import SHARPEST, RowTerms, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.soft import System, inverse_mass, merged, momentum_gradient
+from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
 Pair = tuple[Array, Impulses]
+Sides = tuple[Array | None, ...]
 
 SHARPEST_TIED = 0.1
 """The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
@@ -81,7 +83,7 @@ def solve_bounded(system: System, coarse: Array, guess: Pair) -> tuple[Pair, Sol
     velocities = merged(system, start)
     names, extra = tuple(system.extra), tuple(system.extra.values())
 
-    def follow(impulses: tuple[Array, ...]) -> tuple:
+    def follow(impulses: tuple[Array, ...]) -> tuple[Sides, Sides]:
         low, up = _bounds(system, named(names, impulses))
         return tuple(low.values()), tuple(up.values())
 

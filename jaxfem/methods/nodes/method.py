@@ -99,7 +99,7 @@ class VelocityCondition:
         def solve(given: Prepared, right: Array) -> tuple[Array, SolveInfo]:
             return solve_linear(given.system, given.coarse, right)
 
-        return or_nan(*unless_zero(solve, inputs, right))  # type: ignore[no-any-return]
+        return or_nan(*unless_zero(solve, inputs, right))
 
 
 @dataclasses.dataclass(frozen=True)

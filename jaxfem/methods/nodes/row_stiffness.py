@@ -5,9 +5,9 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxfem.methods.nodes.preconditioner import inverse_blocks
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.points import PointRows
+from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
 

@@ -26,7 +26,8 @@ class Sphere(Shape, word="sphere"):
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
-        return length(point) - self.radius
+        gap: Array = length(point) - self.radius
+        return gap
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """Its centre, with its radius."""
@@ -76,7 +77,8 @@ class Capsule(Shape, word="capsule"):
         """Signed distance of a point (3,) [m]."""
         half = jnp.asarray(self.length) / 2
         along = jnp.clip(point[2], -half, half)
-        return length(point - jnp.stack([0 * along, 0 * along, along])) - self.radius
+        gap: Array = length(point - jnp.stack([0 * along, 0 * along, along])) - self.radius
+        return gap
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """Balls along its axis, no further apart than a radius or a quarter of its length."""

@@ -78,4 +78,5 @@ def solid_moments(points: np.ndarray, triangles: np.ndarray) -> tuple[float, np.
 
 def _signed_volumes(points: np.ndarray, triangles: np.ndarray) -> np.ndarray:
     a, b, c = (points[triangles[:, i]] for i in range(3))
-    return np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+    volumes: np.ndarray = np.einsum("ti,ti->t", a, np.cross(b, c)) / 6
+    return volumes
