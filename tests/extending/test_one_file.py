@@ -1,5 +1,6 @@
 """Files to touch: a copy of the package, one new file in the folder of its kind, and a scene file that names it."""
 
+import os
 import pathlib
 import shutil
 import subprocess
@@ -110,6 +111,9 @@ def test_one_new_file_is_enough(folder, tmp_path):
     (package / folder / "brand_new.py").write_text(f'"""New."""\n{source}')
     (tmp_path / "scene.toml").write_text(scene)
     code = f"from jaxfem.io import load_scene; model, params, state = load_scene('scene.toml').build(); print({found})"
-    done = subprocess.run([sys.executable, "-c", code], cwd=tmp_path, capture_output=True, text=True, check=False)
+    alone = {**os.environ, "JAX_ENABLE_X64": "1", "PYTHONPATH": str(tmp_path)}
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=tmp_path, env=alone, capture_output=True, text=True, check=False
+    )
     assert done.returncode == 0, done.stderr[-2000:]
     assert done.stdout.strip()
