@@ -55,7 +55,9 @@ def _summary(job: Run, wall: float, writer: FrameWriter, pictures: list[Path], f
     pace = f"compiling {compiling:.1f} s" + (f", then {each * 1e3:.3g} ms a step" if each else " and the first steps")
     names = [path.name for path in writer.files()] + [path.name for path in pictures]
     frames = f"{len(writer.saved)} frame" + ("" if len(writer.saved) == 1 else "s")
+    model = writer.model
     return (
+        f'solver "{model.method.name}": {model.choice.reason}\n'
         f"{file.source.name}: {job.done} of {job.steps} steps, to t = {job.done * job.dt:g} s, in {wall:.1f} s"
         f" ({pace})\nwrote {frames} and {', '.join(names)} in {writer.folder}"
     )
