@@ -109,5 +109,6 @@ STANDARD = {
     "arm with tool": Standard(arm_with_tool, (), ("condensed", "mprgp"), 12, 1e-9),
     "doll": Standard(doll, (), ("direct", "mprgp", "pgs"), 40, 1e-11),
     "chain": Standard(chain, (), ("direct", "mprgp"), scenes.CHUNK, 1e-9),
-    "sliding box": Standard(sliding_box, (), ("direct", "mprgp"), scenes.CHUNK, 1e-9),
+    # At 1e-9 the direct search's rounds of friction bounds circle in some steps, and it says so.
+    "sliding box": Standard(sliding_box, (), ("direct", "mprgp"), scenes.CHUNK, 1e-11),
 }
