@@ -208,7 +208,7 @@ def rotation_vector_to_matrix(v: Vectors, result: Float[Array, "*b 3 3"]) -> Non
 
 @contract(locate)
 def place(
-    points: Num[Array, "n 3"],
+    mesh_points: Num[Array, "n 3"],
     cells: Integer[Array, "m 4"],
     result: tuple[Integer[np.ndarray, "q"], Float[np.ndarray, "q 4"], Float[np.ndarray, "q"]],
 ) -> None: ...
