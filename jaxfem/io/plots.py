@@ -150,16 +150,22 @@ def _prefix(largest: float) -> tuple[float, str]:
     return (1.0, "") if largest == 0 else (1e9, "n")
 
 
+MISSING = "plots need matplotlib: pip install 'jaxfem[cli]'"
+
+
 def require_matplotlib() -> None:
     """PlotError with the remedy where matplotlib is not installed."""
     if importlib.util.find_spec("matplotlib") is None:  # looked for and not imported, which takes long
-        raise PlotError("plots need matplotlib: pip install 'jaxfem[cli]'")
+        raise PlotError(MISSING)
 
 
 def _figure(width: float, height: float) -> Any:
     require_matplotlib()
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    try:
+        from matplotlib.backends.backend_agg import FigureCanvasAgg
+        from matplotlib.figure import Figure
+    except ImportError:  # there, and broken
+        raise PlotError(MISSING) from None
 
     figure = Figure(figsize=(width, height), dpi=130, layout="constrained")
     FigureCanvasAgg(figure)

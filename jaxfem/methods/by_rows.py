@@ -38,7 +38,7 @@ class RowMethod(Method):
         return ended(model, params, state, dt, solved, system.impact)
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
-        """Zero impulses, in the rows' shapes; None where it solves for none."""
+        """Zero impulses, in the rows' shapes."""
         step = jnp.ones((), model.rest.dtype)
         bare = state.replace(memory=None)
         shapes = jax.eval_shape(
@@ -46,7 +46,7 @@ class RowMethod(Method):
                 (name, rows.bias) for name, rows in self.solved_rows(system_of(model, params, bare, step, None)).items()
             )
         )
-        return jax.tree.map(lambda each: jnp.zeros(each.shape, each.dtype), shapes) if shapes else None
+        return OrderedDict((name, jnp.zeros(each.shape, each.dtype)) for name, each in shapes.items())
 
     def impulses(self, model: Model, memory: Any) -> Impulses:
         """The memory itself."""

@@ -30,6 +30,8 @@ class Direct(RowMethod):
 
     def refuses(self, facts: Facts) -> str | None:
         """Scenes with soft bodies."""
+        if not facts.coupled:
+            return 'is for scenes with rigid bodies, joints or contacts: use "auto" here'
         if facts.soft:
             return 'eliminates the rows of rigid bodies, and this scene has soft bodies: use "auto" or "condensed"'
         return None

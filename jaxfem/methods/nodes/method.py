@@ -50,6 +50,10 @@ class Condensed(RowMethod):
         """The preconditioner's coarse inverse. It turns with the body, so one serves many steps."""
         return coarse_of(step_system(model, params, state, dt))
 
+    def start(self, model: Model, params: Params, state: State) -> Impulses | None:
+        """Zero impulses of the rows that are not elastic; None where there are none."""
+        return super().start(model, params, state) or None
+
     def solved_rows(self, system: System) -> OrderedDict[str, Rows]:
         """All but the elastic ones."""
         return OrderedDict(system.extra)
