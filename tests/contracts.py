@@ -76,7 +76,7 @@ class Values(type):
     """The type of dictionaries whose values, all of them, are of a given type."""
 
     def __instancecheck__(cls, value: Any) -> bool:
-        return isinstance(value, dict) and all(isinstance(each, cls.kind) for each in value.values())
+        return isinstance(value, dict) and all(isinstance(array(each), cls.kind) for each in value.values())
 
 
 def fields(whole: type, **kinds: Any) -> Any:
