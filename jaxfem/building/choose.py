@@ -78,26 +78,30 @@ def method_asked(solver: Any, rotation_update: str) -> Method | None:
 def with_method(built: Built, asked: Method | None, rotation_update: str) -> tuple[Model, State]:
     """The model and state with the method that was asked for, or that "auto" takes. SceneError says why one cannot."""
     if asked is not None:
-        why = asked.refuses(built.facts)
-        if why is None:
-            try:
-                return _planned(built, asked, Choice(asked.name, "asked for"))
-            except ValueError as problem:
-                why = str(problem)
-        raise SceneError(f'solver "{asked.name}" {why}')
+        found = _tried(built, asked, Choice(asked.name, "asked for"))
+        if isinstance(found, str):
+            raise SceneError(f'solver "{asked.name}" {found}')
+        return found
     why = "no method serves this scene"
     for rule in AUTO:
-        method = _turning(rule.method, rotation_update)
-        if not rule.holds(built):
-            continue
-        refused = method.refuses(built.facts)
-        if refused is None:
-            try:
-                return _planned(built, method, Choice("auto", rule.reason))
-            except ValueError as problem:
-                refused = str(problem)
-        why = f'"{method.name}" {refused}'
+        if rule.holds(built):
+            method = _turning(rule.method, rotation_update)
+            found = _tried(built, method, Choice("auto", rule.reason))
+            if not isinstance(found, str):
+                return found
+            why = f'"{method.name}" {found}'
     raise SceneError(f'solver "auto": {why}')
+
+
+def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, State] | str:
+    """The model and state with a method, or why it cannot serve the scene."""
+    refused = method.refuses(built.facts)
+    if refused is not None:
+        return refused
+    try:
+        return _planned(built, method, choice)
+    except ValueError as problem:
+        return str(problem)
 
 
 def _turning(method: Method, rotation_update: str) -> Method:

@@ -40,7 +40,7 @@ class Direct(RowMethod):
         """The order of elimination; ValueError where nothing ties the bodies, or too much does."""
         assert model.rigid is not None
         # Nothing but these is compiled.
-        triples, heights = jax.jit(_triples, static_argnums=())(model, params, state.replace(memory=None))
+        triples, heights = jax.jit(_triples)(model, params, state.replace(memory=None))
         order = elimination_of([np.asarray(each) for each in triples], [each.shape[0] for each in heights], model.rigid)
         if order is None:
             raise ValueError(
