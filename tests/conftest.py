@@ -11,6 +11,7 @@ import jax
 import programs
 import pytest
 
+programs.compile_quickly()  # XLA reads its flags when the first program is compiled
 jax.config.update("jax_enable_x64", True)
 
 if all(importlib.util.find_spec(name) for name in ("jaxtyping", "beartype")):  # of the extra `test`
