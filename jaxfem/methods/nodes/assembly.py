@@ -1,6 +1,6 @@
 """Matrices assembled on the nodes from the domains' blocks: 3x3 blocks, each node's in one padded row."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import jax
@@ -24,6 +24,8 @@ from jaxfem.tensors import (
 )
 
 Array = jax.Array
+
+_AXES = range(3)
 
 
 class BlockMatrix(Pytree):
@@ -159,33 +161,40 @@ def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, patt
     With `spin` W (3, 3, D): lam r_a r_b' + 2 mu (r_a . r_b) I + skew(r_a) W skew(r_b).
     """
 
-    def blocks(a: Array, b: Array, d: slice) -> Array:
-        shear = mu[d] * b
-        dot = jnp.sum(a * shear, axis=-2)[..., None, None, :] * identity
-        block = a[..., :, None, :] * (lam[d] * b)[..., None, :, :]
-        if spin is None:
-            return block + shear[..., :, None, :] * a[..., None, :, :] + dot
-        turn = product(cross_matrix(jnp.moveaxis(a, -2, 0)), product(matrix_of(spin[:, :, d]), cross_matrix(b)))
-        return block + 2 * dot + jnp.moveaxis(array_of(turn), (0, 1), (-3, -2))
+    slots = pattern.pairs[number]
+    a, b = _firsts(turned, slots), _seconds(turned, slots)
+    pull, shear = _seconds(lam * turned, slots), _seconds(mu * turned, slots)
+    dot = a[0] * shear[0] + a[1] * shear[1] + a[2] * shear[2]
+    if spin is None:
+        block = [[a[i] * pull[j] + shear[i] * a[j] + (dot if i == j else 0) for j in _AXES] for i in _AXES]
+    else:
+        each = _seconds(jnp.broadcast_to(spin.reshape(9, -1), (len(turned), 9, spin.shape[-1])), slots)
+        turn = product(cross_matrix(a), product(matrix_of(each.reshape(3, 3, -1)), cross_matrix(b)))
+        block = [[a[i] * pull[j] + turn[i][j] + (2 * dot if i == j else 0) for j in _AXES] for i in _AXES]
+    # Entry by entry along the pairs: whole arrays of blocks are transposed an entry at a time, eight times as slowly.
+    entries = jnp.stack([entry for row in block for entry in row], -1)
+    where = jnp.concatenate([each.reshape(-1) for each in slots])
+    return jnp.zeros((pattern.pair_count, 9), turned.dtype).at[where].add(entries).reshape(-1, 3, 3)
 
-    identity = jnp.eye(3, dtype=turned.dtype)[:, :, None]
-    return _pair_sums(turned, blocks, pattern, number)
+
+def _firsts(values: Array, slots: Sequence[Array]) -> Array:
+    """What the first node of each pair of a domain's nodes has, (k, Q), of `values` (m, k, D).
+
+    Pairs in the order of `slots`: by their second node b, then by the first a < b, then by those domains that have a
+    node b, so that no work is spent on padding.
+    """
+    parts = [jnp.swapaxes(values[:b, :, : each.shape[1]], 0, 1) for b, each in enumerate(slots, start=1)]
+    return jnp.concatenate([part.reshape(len(part), -1) for part in parts], 1)
+
+
+def _seconds(values: Array, slots: Sequence[Array]) -> Array:
+    """What the second node of each pair has, (k, Q); see `_firsts`."""
+    parts = [
+        jnp.broadcast_to(values[b, :, None, : each.shape[1]], (values.shape[1], *each.shape))
+        for b, each in enumerate(slots, start=1)
+    ]
+    return jnp.concatenate([part.reshape(len(part), -1) for part in parts], 1)
 
 
 def _zero_sums(pattern: Pattern, dtype: Any) -> Array:
     return jnp.zeros((pattern.pair_count, 3, 3), dtype)
-
-
-def _pair_sums(turned: Array, blocks: Callable[[Array, Array, slice], Array], pattern: Pattern, number: int) -> Array:
-    """Sums over the domains of blocks(r_a, r_b, domains), for all pairs of nodes: (P, 3, 3).
-
-    One scatter for each second node b, over those domains that have one: no work is spent on padding. `blocks` is given
-    r_a (b, 3, D) of all nodes before it and r_b (3, D) and returns (b, 3, 3, D): whole arrays, for entry by entry each
-    is a program to compile.
-    """
-    total = jnp.zeros((pattern.pair_count, 9), turned.dtype)
-    for b, slots in enumerate(pattern.pairs[number], start=1):
-        count = slots.shape[1]
-        block = blocks(turned[:b, :, :count], turned[b, :, :count], slice(0, count))
-        total = total.at[slots].add(jnp.swapaxes(block.reshape(b, 9, count), 1, 2))
-    return total.reshape(-1, 3, 3)
