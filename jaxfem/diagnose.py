@@ -232,9 +232,14 @@ def _headline(step: int | None, status: np.ndarray, bad: list[bool], code: Statu
         return "every step converged, but this looks wrong:"
     when = "" if time is None else f" (t = {time:.6g} s)"
     which = "the step" if len(status) == 1 else f"step {step + 1} of {len(status)}"
-    word = "not finite" if code is Status.CONVERGED else code.name.lower().replace("_", " ")
+    word = "not finite" if code is Status.CONVERGED else words(code)
     more = f", the first of {sum(bad)}" if sum(bad) > 1 else ""
     return f"{which}{when} failed{more}: {word}"
+
+
+def words(code: Status) -> str:
+    """A status in a few words, like "iteration limit"; `describe` has the whole sentence."""
+    return code.name.lower().replace("_", " ")
 
 
 def _listed(findings: list[Finding], code: Status) -> list[str]:

@@ -173,7 +173,8 @@ class StepInfo(Pytree):
     exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step.
 
     `scheme_damping`: damping ratio that the time scheme itself gives to the frequencies that `prepare` was given, in
-    their shape; None without them.
+    their shape; None without them. `substeps`: in how many parts the step was taken, where `rollout` takes failed ones
+    again in halves; else None.
     """
 
     status: Array
@@ -182,6 +183,7 @@ class StepInfo(Pytree):
     weakly_active: Array
     inverted: Array
     scheme_damping: Array | None = None
+    substeps: Array | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

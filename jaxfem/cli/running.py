@@ -1,6 +1,7 @@
 """The loop of `jaxfem simulate`: chunks of steps through one compiled program, watched for failures."""
 
 import dataclasses
+import math
 import time
 from typing import Any
 
@@ -9,15 +10,17 @@ import numpy as np
 
 from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
+from jaxfem.diagnose import diagnose, words
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
-from jaxfem.solvers import Status, describe
-from jaxfem.stepping import rollout, step
+from jaxfem.solvers import Status
+from jaxfem.stepping import rollout
 
 
 @dataclasses.dataclass
 class Run:
     """A run in progress: after `done` of `steps` steps of `dt` [s] it is at `state`; a frame each `every` steps.
+    A step that fails is taken again in halves `halvings` times.
 
     `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call.
     """
@@ -28,6 +31,7 @@ class Run:
     dt: float
     steps: int
     every: int
+    halvings: int = 0
     done: int = 0
     problem: str = ""
     interrupted: bool = False
@@ -62,14 +66,25 @@ def advance(run: Run, writer: FrameWriter) -> None:
 def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
     count = min(run.every, run.steps - run.done)
     begun = time.perf_counter()
-    states, infos = jax.block_until_ready(rollout(run.model, run.params, run.state, run.dt, count, every=count))
+    made = rollout(
+        run.model,
+        run.params,
+        run.state,
+        run.dt,
+        count,
+        every=count,
+        on_failure="halve" if run.halvings else "stop",
+        halvings=run.halvings or 1,
+    )
+    states, infos = jax.block_until_ready(made)
     run.chunks.append((count, time.perf_counter() - begun))
     # Through the host, where the frame is written anyway: on the device each shape would take a program of its own.
     following, info = jax.tree.map(lambda leaf: np.asarray(leaf)[0], (states, infos))
     if _failed(following, info):
-        taken, following, info = _first_failure(run, count, following, info)
-        run.problem = _problem(run, run.done + taken, following, info)
-        run.done += taken - 1
+        # The rollout has stopped there: its time says at which step.
+        taken = max(1, math.ceil((float(following.time) - float(run.state.time)) / run.dt - 1e-3))
+        run.problem = _problem(run, run.done + min(taken, count), following, info)
+        run.done += min(taken, count) - 1
         return
     if int(info.inverted) and not run.warned:
         bar.clear()
@@ -87,32 +102,13 @@ def _failed(state: State, info: StepInfo) -> bool:
     return bool(info.status != 0) or not all(np.isfinite(each).all() for each in numbers)
 
 
-def _first_failure(run: Run, count: int, end: State, info: StepInfo) -> tuple[int, State, StepInfo]:
-    """Which step of a failed chunk failed (from 1), with its state and info: the chunk again, one step at a time."""
-    if count == 1:
-        return 1, end, info
-    state = run.state
-    for taken in range(1, count + 1):
-        state, each = step(run.model, run.params, state, run.dt)
-        if _failed(state, each):
-            return taken, state, each
-    return count, end, info
-
-
 def _problem(run: Run, number: int, state: State, info: StepInfo) -> str:
-    """The step that failed, its time, the body to look at, and the remedy."""
-    velocities, places = np.asarray(state.velocities), np.asarray(state.positions)
-    names = [run.model.bodies[number] for number in np.asarray(run.model.node_body)]
-    if state.rigid is not None and run.model.rigid is not None:
-        velocities = np.concatenate([velocities, np.asarray(state.rigid.velocities)])
-        places = np.concatenate([places, np.asarray(state.rigid.positions)])
-        names += run.model.rigid.names
-    speeds = np.linalg.norm(velocities, axis=1)
-    lost = ~np.isfinite(speeds) | ~np.isfinite(places).all(axis=1)
-    name = names[np.argmax(lost) if lost.any() else np.argmax(speeds)]
-    what = "not finite any more" if lost.any() else f"the fastest, {speeds.max():.3g} m/s"
-    status = int(info.status) or int(Status.NOT_FINITE)
-    return f'step {number} (t = {number * run.dt:.6g} s) failed; body "{name}" is {what}. Its solve: {describe(status)}'
+    """The step that failed and its time, then what `diagnose` finds: the body, joint or contact, and what to do."""
+    found = diagnose(run.model, run.params, state, info)
+    word = found.status if found.status else Status.NOT_FINITE
+    retried = f", also in steps of {run.dt / 2**run.halvings:.3g} s" if run.halvings else ""
+    head = f"step {number} of {run.steps} (t = {number * run.dt:.6g} s) failed{retried}: {words(word)}"
+    return "\n".join([head, *found.text.splitlines()[1:]])
 
 
 def _inversion(run: Run, count: int, steps: int, following: State) -> str:

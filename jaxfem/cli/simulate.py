@@ -36,7 +36,7 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     plots = not args.no_plots and _can_plot()
     model, params, state = file.build()
-    job = Run(model, params, state, file.dt, args.steps or file.steps, file.every)
+    job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     begun = time.perf_counter()
     with FrameWriter(folder, file.source.stem, model, params, file.points) as writer:
         advance(job, writer)

@@ -12,6 +12,7 @@ gravity = [0.0, 0.0, -9.81]     # m/s^2
 step = {step:<25.10g}# s
 duration = {duration:<21.10g}# s; or: steps = {steps}
 save_every = {every:<19}# steps per written frame
+# halvings = 3                  # a step that fails is taken again in 2, 4 and 8 parts before the run ends
 # scheme = "generalized_alpha"  # second order: adds next to no damping; rho_inf = 0.8, mass = "averaged"
 # rotation_update = "implicit"    # of the elements, iterated to the end of the step: for steps that turn far
 

@@ -15,11 +15,12 @@ from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.methods import METHODS
 from jaxfem.model import Model, Params, State
 from jaxfem.schemes import SCHEMES, Scheme
+from jaxfem.stepping.checks import MOST_HALVINGS
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
-TIME_KEYS = ("step", "duration", "steps", "save_every", "scheme", "mass", "rotation_update")
+TIME_KEYS = ("step", "duration", "steps", "save_every", "halvings", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points")
 PRECISIONS = ("float64", "float32")
@@ -29,16 +30,17 @@ PRECISIONS = ("float64", "float32")
 class SceneFile:
     """A scene and how to run it, as its file says.
 
-    `dt` [s], `steps`, `every`: steps a saved frame; `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`,
-    `max_iterations` as for `jaxfem.build`; `precision`: "float64" or "float32"; `folder`: where results
-    go; `points`: name -> (x, y, z) [m] of a material point of the undeformed bodies whose path is recorded;
-    `source`: the file.
+    `dt` [s], `steps`, `every`: steps a saved frame; `halvings`: how often a step that fails is halved (0: not at all);
+    `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`:
+    "float64" or "float32"; `folder`: where results go; `points`: name -> (x, y, z) [m] of a material point of the
+    undeformed bodies whose path is recorded; `source`: the file.
     """
 
     scene: Scene
     dt: float
     steps: int
     every: int
+    halvings: int
     solver: str
     scheme: Scheme
     mass: MassKind
@@ -102,6 +104,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "dt": dt,
         "steps": _steps(time, dt),
         "every": time.integer("save_every", 1),
+        "halvings": _halvings(time),
         "scheme": scheme,
         "mass": time.choice("mass", MASSES, "lumped"),
         "rotation_update": time.choice("rotation_update", ROTATION_UPDATES, "explicit"),
@@ -144,6 +147,13 @@ def _listed(top: Table, key: str) -> list[tuple[dict[str, Any], str]]:
         name = values.get("name")
         named.append((values, f"[[{key}]] {number}" + (f' "{name}"' if isinstance(name, str) else "")))
     return named
+
+
+def _halvings(time: Table) -> int:
+    count: int = time.integer("halvings") if "halvings" in time else 0
+    if count > MOST_HALVINGS:
+        raise time.wrong("halvings", f"a whole number from 1 to {MOST_HALVINGS}, or nothing where none are wanted")
+    return count
 
 
 def _steps(time: Table, dt: float) -> int:

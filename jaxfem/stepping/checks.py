@@ -1,14 +1,16 @@
 """What `step`, `rollout` and their like refuse, and the dtype that their numbers get; on the host."""
 
-from typing import Any
+from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.model import Model, Params, State
+from jaxfem.stepping.failure import OnFailure
 
 Array = jax.Array
+MOST_HALVINGS = 10  # a thousandth of the step
 
 
 class StepError(ValueError):
@@ -88,6 +90,14 @@ def check_rollout(steps: int, every: int, checkpoint: int | None) -> None:
         raise StepError(f"steps = {steps} must be a positive multiple of every = {every}")
     if checkpoint is not None and (checkpoint < 1 or checkpoint % every or steps % checkpoint):
         raise StepError(f"checkpoint = {checkpoint} must be a multiple of every = {every} and divide steps = {steps}")
+
+
+def check_failure(on_failure: str, halvings: int) -> None:
+    """Refuse an unknown word for what follows a failed step, or a number of halvings that cannot be."""
+    if on_failure not in (known := get_args(OnFailure)):
+        raise StepError(f"on_failure is {on_failure!r}; give one of {', '.join(map(repr, known))}")
+    if isinstance(halvings, bool) or not isinstance(halvings, int) or not 1 <= halvings <= MOST_HALVINGS:
+        raise StepError(f"halvings is {halvings!r}; give a whole number from 1 to {MOST_HALVINGS}")
 
 
 def checked_frequencies(given: Any) -> Any:

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers.implicit import SOLUTION
 from jaxfem.stepping.begin import begun
-from jaxfem.stepping.checks import StepError, check_call, check_rollout, checked_frequencies, typed
+from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
+from jaxfem.stepping.failure import OnFailure, forgetting, persistent
 
 Array = jax.Array
 
@@ -69,24 +70,33 @@ def rollout(
     every: int = 1,
     forces: Any = None,
     checkpoint: int | None = None,
+    on_failure: OnFailure = "continue",
+    halvings: int = 3,
 ) -> tuple[State, StepInfo]:
     """Take `steps` steps of `dt` [s]; returns (states, infos) with a leading axis of the steps // every saved frames.
 
     Every `every`-th state is saved, and the worst info of the steps since the last. `forces`: (n, 3) constant, or
     (steps, n, 3) [N]. Reverse derivatives of long runs need memory: with `checkpoint` = k (a multiple of `every` that
     divides `steps`) only each step's solution is kept; the rest is recomputed k steps at a time without solving again.
+    `on_failure`: a step whose status is not 0, or whose state is not finite, is "continue"d from, or is where the run
+    "stop"s: its frame holds that state (`time` says when), later ones repeat it and its status without stepping; or the
+    step is taken again in "halve"s, then quarters and so on, `halvings` times before it stops; `info.substeps` counts
+    them. Derivatives of all that was before or accepted are as without a failure, those of what a run stopped at zero.
+    Lanes of a batch stop on their own. Halves cost reverse derivatives the memory of 2^halvings steps.
     """
     params, state, dt_, forces = typed(model, params, state, dt, forces)
     varying = forces is not None and forces.ndim == 3
     check_call(model, params, state, dt, forces[0] if varying else forces)
     check_rollout(steps, every, checkpoint)
+    check_failure(on_failure, halvings)
     if varying and len(forces) != steps:
         raise StepError(f"forces has {len(forces)} rows for {steps} steps")
-    saved: tuple[State, StepInfo] = _rollout(model, params, state, dt_, forces, steps, every, checkpoint)
+    tries = {"continue": None, "stop": 0, "halve": halvings}[on_failure]
+    saved: tuple[State, StepInfo] = _rollout(model, params, state, dt_, forces, steps, every, checkpoint, tries)
     return saved
 
 
-@partial(jax.jit, static_argnames=("steps", "every", "checkpoint"))
+@partial(jax.jit, static_argnames=("steps", "every", "checkpoint", "tries"))
 def _rollout(
     model: Model,
     params: Params,
@@ -96,32 +106,63 @@ def _rollout(
     steps: int,
     every: int,
     checkpoint: int | None,
+    tries: int | None,
 ) -> tuple[State, StepInfo]:
     series = None if forces is None or forces.ndim != 3 else forces
     state = begun(model, params, state, forces if series is None else series[0])
     cache = _cache(model, params, state, dt)  # made once for all steps
 
-    def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
-        return model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+    one = (
+        _one(model, params, dt, forces, cache)
+        if tries is None
+        else _one_that_ends(model, params, dt, forces, cache, tries)
+    )
+    carried = state if tries is None else (state, jnp.int32(0))
 
-    def frame(carry: State, force: Array | None) -> tuple[State, tuple[State, StepInfo]]:
+    def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
         following, infos = jax.lax.scan(one, carry, force, length=every)
-        return following, (following, worst(infos))
+        return following, (following if tries is None else following[0], worst(infos))
 
-    def block(carry: State, force: Array | None) -> tuple[State, tuple[State, StepInfo]]:
+    def block(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
         return jax.lax.scan(frame, carry, force, length=(checkpoint or steps) // every)
 
     per_block = (checkpoint or steps) // every
     blocks = steps // (checkpoint or steps)
     sliced = None if series is None else series.reshape(blocks, per_block, every, *series.shape[1:])
     if checkpoint is None:
-        return block(state, None if sliced is None else sliced[0])[1]
+        return block(carried, None if sliced is None else sliced[0])[1]
     # Solutions are small and dear, all else is large and cheap: keep the first, recompute the second.
     keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
-    _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), state, sliced, length=blocks)
+    _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), carried, sliced, length=blocks)
     together: tuple[State, StepInfo]
     together = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
     return together
+
+
+def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any) -> Any:
+    """A step as a scan's body."""
+
+    def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
+        return model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+
+    return one
+
+
+def _one_that_ends(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, tries: int) -> Any:
+    """A step as a scan's body, that is tried again in halves `tries` times; carries the status that ended the run."""
+    advance = forgetting(lambda model, *others: model.method.step(model, *others))
+
+    def one(carry: tuple[State, Array], force: Array | None) -> tuple[tuple[State, Array], StepInfo]:
+        force = forces if force is None else force
+
+        def part(state: State, share: Any) -> tuple[State, StepInfo]:
+            return advance(model, params, state, dt * jnp.asarray(share, dt.dtype), force, cache)
+
+        info = jax.eval_shape(part, carry[0], 1.0)[1]
+        state, failed, told = persistent(part, tries, info)(*carry)
+        return (state, failed), told
+
+    return one
 
 
 def worst(infos: StepInfo) -> StepInfo:

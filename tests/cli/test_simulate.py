@@ -118,7 +118,8 @@ def test_interruption(scene, tmp_path, capsys, chunks):
 def test_solve_that_does_not_converge(scene, tmp_path, capsys):
     assert simulated(scene(iterations=1), "--no-plots") == 3
     said = capsys.readouterr().err
-    assert 'jaxfem: error: step 1 (t = 0.01 s) failed; body "beam" is the fastest' in said
+    assert "jaxfem: error: step 1 of 6 (t = 0.01 s) failed: iteration limit" in said
+    assert 'body "beam" is the fastest' in said
     assert "iteration limit" in said and "raise max_iterations" in said
     assert len(read_frames(tmp_path / "out" / "run.pvd")) == 1
 
@@ -128,7 +129,7 @@ def test_numbers_that_overflow(scene, tmp_path, capsys):
     path.write_text("gravity = [0, 0, -1e300]\n" + path.read_text())
     assert simulated(path) == 3
     said = capsys.readouterr().err
-    assert "step 1 (t = 0.01 s) failed" in said and "take a smaller time step" in said
+    assert "step 1 of 6 (t = 0.01 s) failed" in said and "take a smaller time step" in said
     assert (tmp_path / "out" / "energies.png").is_file()
 
 
@@ -142,25 +143,36 @@ def test_body_that_is_lost(scene, tmp_path, capsys, chunks):
     chunks(3, spoil)
     assert simulated(scene("\n" + second), "--no-plots") == 3
     said = capsys.readouterr()
-    assert 'step 3 (t = 0.03 s) failed; body "block" is not finite any more. Its solve: met a value' in said.err
+    assert "step 3 of 6 (t = 0.03 s) failed: not finite" in said.err
+    assert 'body "block" is not finite any more: 1 of its 12 nodes' in said.err
+    assert 'body "beam" is not finite' not in said.err
     assert "2 of 6 steps" in said.out and len(read_frames(tmp_path / "out" / "run.pvd")) == 3
 
 
-def test_the_step_of_a_chunk_that_failed(scene, tmp_path, capsys, chunks, monkeypatch):
-    """A chunk of three fails; repeated one at a time, its second step does."""
-    chunks(2, lambda states, infos: (states, infos.replace(status=infos.status + 1)))
-    calls = []
-
-    def second_fails(model, params, state, dt):
-        calls.append(1)
-        info = jf.StepInfo(*map(jnp.asarray, (int(len(calls) == 2), 3, 0.1, 0, 0)))
-        return state.replace(time=state.time + dt), info
-
-    monkeypatch.setattr(running, "step", second_fails)
+def test_the_step_of_a_chunk_that_failed(scene, tmp_path, capsys, chunks):
+    """A chunk of three ends at its second step."""
+    chunks(2, lambda states, infos: (states.replace(time=states.time - 0.01), infos.replace(status=infos.status + 1)))
     assert simulated(scene(every=3), "--no-plots") == 3
     said = capsys.readouterr()
-    assert "step 5 (t = 0.05 s) failed" in said.err and "4 of 6 steps" in said.out
+    assert "step 5 of 6 (t = 0.05 s) failed" in said.err and "4 of 6 steps" in said.out
     assert len(read_frames(tmp_path / "out" / "run.pvd")) == 2
+
+
+def test_a_step_that_fails_is_taken_in_halves(scene, tmp_path, capsys):
+    """A bound on iterations that the whole step exceeds and its halves do not."""
+    path = scene()
+    model, params, state = load_scene(path).build()
+    whole, half = (int(jf.step(model, params, state, dt)[1].iterations) for dt in (1e-3, 5e-4))
+    assert half < whole
+    short = scene(iterations=whole - 1).read_text().replace("step = 0.01", "step = 0.001")
+    path.write_text(short)
+    assert simulated(path, "--no-plots", "--steps", "1") == 3
+    assert "step 1 of 1 (t = 0.001 s) failed: iteration limit" in capsys.readouterr().err
+    path.write_text(short.replace("[time]", "[time]\nhalvings = 2"))
+    assert simulated(path, "--no-plots", "--steps", "1") == 0
+    path.write_text(short.replace("[time]", "[time]\nhalvings = 2").replace(f"= {whole - 1}", "= 1"))
+    assert simulated(path, "--no-plots", "--steps", "1") == 3
+    assert "failed, also in steps of 0.00025 s: iteration limit" in capsys.readouterr().err
 
 
 def test_elements_inside_out(scene, capsys, chunks):
@@ -201,6 +213,7 @@ def test_without_matplotlib(scene, capsys, monkeypatch):
         ("young", "yuong", "unknown key 'yuong' in [[body]] 1 \"beam\": did you mean 'young'?"),
         ("poisson = 0.3", "poisson = 0.5", 'poisson of "beam" is 0.5'),
         ("step = 0.01", "step = -1", "'step' in [time] is -1"),
+        ("[time]", "[time]\nhalvings = 11", "'halvings' in [time] is 11: it must be a whole number from 1 to 10"),
         ("mesh = ", 'mesh = { file = "no.msh" } # ', "no mesh file"),
         ("[0.2, 0.05", "[0.5, 0.05", 'the tracked point "tip" at [0.5, 0.05, 0.05] lies 0.3 m outside'),
         ('"x-"', '"left"', 'no node group "left"'),

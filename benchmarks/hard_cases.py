@@ -1,0 +1,90 @@
+"""Hard cases, one a line: right, flagged by name, or silent.  python benchmarks/hard_cases.py [--quick] [--out FOLDER]
+
+`--only WORDS` takes the cases whose name or group holds one of the comma-separated WORDS, `--routes` and `--dtypes`
+those ways of running them; `--every-route` those of the quick half by all. Each case in benchmarks/hard/ says what is
+wanted; its line says whether that held ("right"), or whether a status, a warning or an error said so ("flagged: ..."),
+or nothing did ("SILENT: ..."). Columns: energy growth over kinetic, elastic and weight energy; momentum lost where
+nothing outside acts; recovery, the distance from the undeformed shape over the size; most iterations of a step; status.
+Results: hard_cases.csv, .json and .png.
+"""
+
+import argparse
+import csv
+import json
+import os
+import pathlib
+import time
+from collections import Counter
+from typing import Any
+
+import jax
+
+jax.config.update("jax_enable_x64", True)
+
+from hard import contact, jointed, slopes, soft, values  # noqa: E402, F401
+from hard.case import CASES, Case, Setting, judged  # noqa: E402
+from hard.table import COLUMNS, picture  # noqa: E402
+from machine import describe  # noqa: E402
+
+DTYPES = ("float64", "float32")
+
+
+def settings(each: Case, quick: bool) -> list[Setting]:
+    """How a case is run: by its first route in double precision where that must be quick, else in all ways."""
+    routes = each.routes[:1] if quick or each.long else each.routes
+    return [Setting(route, dtype) for route in routes for dtype in DTYPES[: 1 if quick else 2]]
+
+
+def chosen(options: argparse.Namespace) -> list[tuple[Case, Setting]]:
+    """The cases and settings asked for."""
+    words = [word.strip() for word in options.only.split(",")] if options.only else [""]
+    picked = []
+    for each in CASES.values():
+        if (options.quick and not each.quick) or not any(word in f"{each.name} {each.group}" for word in words):
+            continue
+        for at in settings(each, options.quick and not options.every_route):
+            wanted = options.routes is None or at.route in options.routes.split(",")
+            if wanted and at.dtype in options.dtypes.split(","):
+                picked.append((each, at))
+    # Those of one setting together: what a process has compiled is given up between settings.
+    return sorted(picked, key=lambda pair: (pair[1].dtype != "float64", pair[1].route))
+
+
+def write(lines: list[dict[str, Any]], out: pathlib.Path, seconds: float) -> None:
+    """hard_cases.csv, hard_cases.json and hard_cases.png in a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    with open(out / "hard_cases.csv", "w", newline="") as file:
+        table = csv.DictWriter(file, COLUMNS, extrasaction="ignore")
+        table.writeheader()
+        table.writerows(lines)
+    counts = Counter(line["outcome"].split(":")[0] for line in lines)
+    figures = {"machine": describe(), "outcomes": dict(counts), "lines": lines, "benchmark_s": round(seconds, 1)}
+    (out / "hard_cases.json").write_text(json.dumps(figures, indent=1) + "\n")
+    picture(lines, out / "hard_cases.png")
+
+
+def main() -> None:
+    """Run what is asked for, print a line each, and write the results as they come."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--quick", action="store_true", help="the quick half, each by one route in double precision")
+    parser.add_argument("--every-route", action="store_true", help="with --quick: by all routes, in both precisions")
+    parser.add_argument("--only", help="comma-separated words, one of which is in a case's name or group")
+    parser.add_argument("--routes", help="comma-separated routes")
+    parser.add_argument("--dtypes", default=",".join(DTYPES))
+    parser.add_argument("--out", type=pathlib.Path, help="folder for the results")
+    options = parser.parse_args()
+    begun, lines, before = time.perf_counter(), [], None
+    for each, at in chosen(options):
+        if before not in (None, at) and "JAX_COMPILATION_CACHE_DIR" in os.environ:
+            jax.clear_caches()
+        before = at
+        line = judged(each, at)
+        lines.append(line)
+        print(f"{line['case']} | {at.route} | {at.dtype} | {line['outcome']} | {line['seconds']} s", flush=True)
+        if options.out:
+            write(lines, options.out, time.perf_counter() - begun)
+    print(json.dumps(dict(Counter(line["outcome"].split(":")[0] for line in lines))))
+
+
+if __name__ == "__main__":
+    main()
