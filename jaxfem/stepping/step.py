@@ -10,6 +10,7 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers.implicit import SOLUTION
 from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_rollout, checked_frequencies, typed
+from jaxfem.stepping.values import force_status, judged, value_status
 
 Array = jax.Array
 
@@ -18,7 +19,8 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
     """Advance by one time step `dt` [s]: (next state, info).
 
     `forces` (n, 3) [N]: extra nodal forces, held over the step. Differentiable (jvp, vjp, nested) in params, state, dt
-    and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`.
+    and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`. A number that
+    cannot be (in `params`, the state, dt or forces) is named by it, and a state that is not finite never has status 0.
     Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
     """
     params, state, dt_, forces = typed(model, params, state, dt, forces)
@@ -29,8 +31,10 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
+    given = value_status(model, params, state, dt, forces)
     state = begun(model, params, state, forces)
-    return model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    following, info = model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    return following, judged(info, following, given)
 
 
 def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies: Any = None) -> Model:
@@ -98,11 +102,14 @@ def _rollout(
     checkpoint: int | None,
 ) -> tuple[State, StepInfo]:
     series = None if forces is None or forces.ndim != 3 else forces
+    given = value_status(model, params, state, dt, forces if series is None else None)
     state = begun(model, params, state, forces if series is None else series[0])
     cache = _cache(model, params, state, dt)  # made once for all steps
 
     def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
-        return model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+        following, info = model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+        own = given if force is None else jnp.where(given != 0, given, force_status(force))
+        return following, judged(info, following, own)
 
     def frame(carry: State, force: Array | None) -> tuple[State, tuple[State, StepInfo]]:
         following, infos = jax.lax.scan(one, carry, force, length=every)
