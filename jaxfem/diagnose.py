@@ -10,6 +10,7 @@ import numpy as np
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status, describe
 from jaxfem.stepping.checks import StepError, typed
+from jaxfem.stepping.values import wrong_numbers
 from jaxfem.system.coupled import configuration
 
 OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than this has come open
@@ -17,8 +18,9 @@ DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over som
 
 
 class Finding(NamedTuple):
-    """One thing to look at: `kind` ("not finite", "inverted", "fastest", "open", "deep"), the declared `name` of the
-    body, joint or contact, the `amount` (nodes or bodies, elements, m/s, m or rad, m), a sentence, and what to do."""
+    """One thing to look at: `kind` ("invalid", "not finite", "inverted", "fastest", "open", "deep"), the declared
+    `name` of the body, joint, contact or parameter, the `amount` (the value, nodes or bodies, elements, m/s, m or rad,
+    m), a sentence, and what to do."""
 
     kind: str
     name: str
@@ -62,18 +64,19 @@ def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diag
         bad[-1] = True
     step = bad.index(True) if True in bad else None
     shown = 0 if alone else len(states) - 1 if step is None else step
-    findings = list(_bodies(model, states[shown], step is not None))
+    findings = [Finding("invalid", *each, "correct that value in `params`") for each in wrong_numbers(model, params)]
+    findings += _bodies(model, states[shown], step is not None)
     sound = [one for one, good in zip(states[: shown + 1], finite, strict=False) if good]
     rows = list(_rows(model, params, sound[-1])) if sound else []
     findings += [each for each in rows if each.advice]
-    code = Status(int(status[step])) if step is not None else Status.CONVERGED
+    code = int(status[step]) if step is not None else int(Status.CONVERGED)
     ok = step is None and not findings
     if ok:
         text = _all_well(info, len(status), rows)
     else:
         time = None if alone else float(np.asarray(states[shown].time))
         text = "\n".join([_headline(step, status, bad, code, time), *_listed(findings, code)])
-    return Diagnosis(ok, None if step is None else step + 1, code, tuple(findings), text)
+    return Diagnosis(ok, None if step is None else step + 1, Status(code), tuple(findings), text)
 
 
 def _along_time(model: Model, state: State, info: StepInfo) -> tuple[np.ndarray, list[State]]:
@@ -226,24 +229,24 @@ def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:
     return "; ".join([f"{what} converged ({effort})", *(f"at the end {each.text}" for each in rows)])
 
 
-def _headline(step: int | None, status: np.ndarray, bad: list[bool], code: Status, time: float | None) -> str:
+def _headline(step: int | None, status: np.ndarray, bad: list[bool], code: int, time: float | None) -> str:
     """Which step failed first and how; how many did."""
     if step is None:
         return "every step converged, but this looks wrong:"
     when = "" if time is None else f" (t = {time:.6g} s)"
     which = "the step" if len(status) == 1 else f"step {step + 1} of {len(status)}"
-    word = "not finite" if code is Status.CONVERGED else words(code)
+    word = "not finite" if Status(code) is Status.CONVERGED else words(code)
     more = f", the first of {sum(bad)}" if sum(bad) > 1 else ""
     return f"{which}{when} failed{more}: {word}"
 
 
-def words(code: Status) -> str:
+def words(code: int) -> str:
     """A status in a few words, like "iteration limit"; `describe` has the whole sentence."""
-    return code.name.lower().replace("_", " ")
+    return Status(code).name.lower().replace("_", " ")
 
 
-def _listed(findings: list[Finding], code: Status) -> list[str]:
+def _listed(findings: list[Finding], code: int) -> list[str]:
     """A line a finding, then what to do: the solve's own remedy first, each only once."""
-    told = [] if code is Status.CONVERGED else [f"its solve {describe(code)}"]
+    told = [] if Status(code) is Status.CONVERGED else [f"its solve {describe(code)}"]
     advice = dict.fromkeys(each.advice for each in findings if each.advice)
     return [f"  {line}" for line in (*told, *(each.text for each in findings), *(f"next: {each}" for each in advice))]

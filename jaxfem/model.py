@@ -15,6 +15,7 @@ from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
+from jaxfem.ranges import ranged, within
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.schemes import Scheme
 
@@ -33,8 +34,8 @@ class Params(Pytree):
     """
 
     constants: dict[str, Any]
-    gravity: Array
-    loads: tuple[Any, ...] = ()
+    gravity: Array = dataclasses.field(metadata=within())
+    loads: tuple[Any, ...] = dataclasses.field(default=(), metadata=within())
     motions: tuple[Motion, ...] = ()
     rigid: RigidParams | None = None
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
@@ -66,13 +67,13 @@ class State(Pytree):
     None without such materials.
     """
 
-    positions: Array
-    velocities: Array
-    time: Array
-    memory: Any = None
-    accelerations: Array | None = None
+    positions: Array = dataclasses.field(metadata=within())
+    velocities: Array = dataclasses.field(metadata=within())
+    time: Array = dataclasses.field(metadata=within())
+    memory: Any = dataclasses.field(default=None, metadata=ranged(None))
+    accelerations: Array | None = dataclasses.field(default=None, metadata=within())
     rigid: RigidState | None = None
-    internal: Any = None
+    internal: Any = dataclasses.field(default=None, metadata=within())
 
 
 class Method(Protocol):

@@ -1,11 +1,13 @@
 """Prescribed motion of nodes as a function of time, with differentiable numbers."""
 
+from dataclasses import field
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
+from jaxfem.ranges import within
 from jaxfem.rotation import rotation_vector_to_matrix
 
 Array = jax.Array
@@ -18,12 +20,12 @@ class Motion(Pytree):
     the point `center` (3,) [m]. All zero: the nodes are held where they are.
     """
 
-    velocity: Any = (0.0, 0.0, 0.0)
-    amplitude: Any = (0.0, 0.0, 0.0)
-    frequency: Any = 0.0
-    phase: Any = 0.0
-    angular_velocity: Any = (0.0, 0.0, 0.0)
-    center: Any = (0.0, 0.0, 0.0)
+    velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
+    amplitude: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
+    frequency: Any = field(default=0.0, metadata=within())
+    phase: Any = field(default=0.0, metadata=within())
+    angular_velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
+    center: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
 
 
 def displaced(motion: Motion, rest: Array, time: Array) -> Array:

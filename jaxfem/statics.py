@@ -17,6 +17,7 @@ from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, typed
+from jaxfem.stepping.values import judged, value_status
 from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
 
@@ -86,6 +87,7 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
 @jax.jit
 def _equilibrium(model: Model, params: Params, state: State, forces: Array | None) -> tuple[State, StepInfo]:
     symmetric = not any(isinstance(load, FacePressure) for load in model.loads)
+    given = value_status(model, params, state, forces=forces)
     noise = NOISE * elastic_rounding(model, *jax.lax.stop_gradient((params, state.positions)))
     inputs = _StaticInputs(model, params, state.positions, forces, noise)
     guess = jax.lax.stop_gradient(state.positions)
@@ -93,7 +95,8 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
     rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)
     inverted = inverted_elements(model, positions)
-    return rest, StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
+    found = StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
+    return rest, judged(found, rest, given)
 
 
 def _evaluate(inputs: _StaticInputs, unknown: Array) -> Evaluation:

@@ -26,7 +26,9 @@ def joint_parts(joints: Sequence[Joint], index: BodyIndex, dtype: Any) -> tuple[
     for label, parts in grouped.items():
         stacked = _stacked([part.rows for _, part in parts], dtype)
         rows[label] = stacked.replace(names=tuple(name for name, _ in parts))
-        values[label] = _stacked([part.values for _, part in parts], dtype)
+        values[label] = jax.tree.map(
+            lambda leaf: leaf.astype(dtype), _stacked([part.values for _, part in parts], dtype)
+        )
     return rows, values
 
 

@@ -84,5 +84,5 @@ class Evaluator:
 def _or_infinite(r: Any, outcome: Outcome) -> np.ndarray:
     """Residuals; infinite where a step broke down, since a step that fails returns its guess, not a motion."""
     array = np.asarray(r, np.float64)
-    broken = int(outcome.status) in (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE)
+    broken = Status(int(outcome.status)) in (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
     return np.full_like(array, np.inf) if broken else array

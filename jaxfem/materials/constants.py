@@ -7,6 +7,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.ranges import Range
+
 Array = jax.Array
 
 
@@ -113,6 +115,11 @@ class Constant:
     def __post_init__(self) -> None:
         if not self.name.isidentifier() or self.name.startswith("_"):
             raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
+
+    @property
+    def range(self) -> Range:
+        """Its admissible values, as compiled functions look at them."""
+        return Range(self.low, self.high, open_low=not self.closed, open_high=True, advice=self.advice)
 
     @property
     def title(self) -> str:

@@ -6,6 +6,7 @@ there. Without torque |L| is constant, so the spin is bounded at any step size, 
 takes the place of an implicit gyroscopic term (Catto 2015), which has the same stability but damps.
 """
 
+from dataclasses import field
 from typing import Any
 
 import jax
@@ -13,10 +14,13 @@ import jax.numpy as jnp
 
 from jaxfem.motion import Motion, displaced
 from jaxfem.pytrees import Pytree, static
+from jaxfem.ranges import Directions, ranged, within
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_multiply, quaternion_to_matrix
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
+
+UNIT = "must be quaternions, finite and not all zeros: (1, 0, 0, 0) where nothing turns"
 
 
 class RigidSet(Pytree):
@@ -43,8 +47,8 @@ class RigidSet(Pytree):
 class RigidParams(Pytree):
     """What users differentiate of rigid bodies: `mass` (b,) [kg] (inertia grows with it), and prescribed `motions`."""
 
-    mass: Array
-    motions: tuple[Motion, ...] = ()
+    mass: Array = field(metadata=within(low=0, open_low=True))
+    motions: tuple[Motion, ...] = field(default=(), metadata=within())
 
 
 class RigidState(Pytree):
@@ -54,10 +58,10 @@ class RigidState(Pytree):
     `velocities` (b, 3) [m/s], `angular_velocities` (b, 3) [rad/s].
     """
 
-    positions: Array
-    orientations: Array
-    velocities: Array
-    angular_velocities: Array
+    positions: Array = field(metadata=within())
+    orientations: Array = field(metadata=ranged(Directions(advice=UNIT)))
+    velocities: Array = field(metadata=within())
+    angular_velocities: Array = field(metadata=within())
 
 
 def world_inertia(bodies: RigidSet, mass: Array, orientations: Array) -> Array:

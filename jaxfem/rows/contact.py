@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
+from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
 from jaxfem.rows.triangles import gap_from, nearest_triangle
@@ -26,8 +27,8 @@ PUSH = 0.2
 class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,) and `restitution` (m,)."""
 
-    friction: Any
-    restitution: Any
+    friction: Any = dataclasses.field(metadata=within(low=0))
+    restitution: Any = dataclasses.field(metadata=within(low=0, high=1))
 
 
 class Pairs(Pytree):

@@ -3,12 +3,14 @@
 Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows act along it.
 """
 
+from dataclasses import field
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
+from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
 from jaxfem.rows.locks import JointRows, Softness, along_axes, spring_rows
 from jaxfem.rows.points import PointRows
@@ -90,9 +92,9 @@ class CoordinateRows(JointRows):
 class LengthValues(Pytree):
     """`length` (m,) [m] of distance joints and ropes, beside their softness."""
 
-    length: Any
-    compliance: Any
-    damping: Any
+    length: Any = field(metadata=within(low=0))
+    compliance: Any = field(metadata=within(low=0))
+    damping: Any = field(metadata=within(low=0))
 
 
 class Distance(CoordinateRows):
@@ -120,8 +122,8 @@ class LimitValues(Pytree):
 
     low: Any
     high: Any
-    compliance: Any
-    damping: Any
+    compliance: Any = field(metadata=within(low=0))
+    damping: Any = field(metadata=within(low=0))
 
 
 class Limit(CoordinateRows):
@@ -148,10 +150,10 @@ class Limit(CoordinateRows):
 class DriveValues(Pytree):
     """`target` (m,) [rad/s or m/s; rad or m of a position motor], `strength` (m,) [N m or N], at most; softness."""
 
-    target: Any
-    strength: Any
-    compliance: Any
-    damping: Any
+    target: Any = field(metadata=within())
+    strength: Any = field(metadata=within(low=0, infinite=True))
+    compliance: Any = field(metadata=within(low=0))
+    damping: Any = field(metadata=within(low=0))
 
 
 class Drive(CoordinateRows):

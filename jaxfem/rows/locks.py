@@ -8,12 +8,14 @@ For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alp
 taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
+from dataclasses import field
 from typing import Any, Protocol, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
+from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Frame, Placed, Point, RigidPoint, difference, relative_spin
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
@@ -24,8 +26,8 @@ Array = jax.Array
 class Softness(Pytree):
     """What users differentiate of m joints: `compliance` (m,) [m/N or rad/(N m)] and `damping` (m,) [N s/m, N m s]."""
 
-    compliance: Any
-    damping: Any
+    compliance: Any = field(metadata=within(low=0))
+    damping: Any = field(metadata=within(low=0))
 
 
 class JointRows(Pytree):

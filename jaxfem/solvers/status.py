@@ -1,6 +1,11 @@
-"""What a solver says about its answer: a status that survives jit, and a message that names a remedy."""
+"""What a solver says about its answer: a status that survives jit, and a message that names a remedy.
+
+A status inside compiled code is one integer. Its lowest byte is a `Status`; where a step has a cause to name, the rest
+is a number that stands for a sentence about it (see `caused`). `Status(code)` is the status of either.
+"""
 
 import enum
+import zlib
 from typing import Any
 
 import numpy as np
@@ -10,7 +15,10 @@ from jaxfem.pytrees import Pytree
 
 
 class Status(enum.IntEnum):
-    """Outcome of a solve, an integer inside compiled code. Zero is success; see `describe` for the remedies."""
+    """Outcome of a solve, an integer inside compiled code. Zero is success; see `describe` for the remedies.
+
+    `Status(code)` takes codes that name a cause too.
+    """
 
     CONVERGED = 0
     ITERATION_LIMIT = 1
@@ -19,6 +27,16 @@ class Status(enum.IntEnum):
     INFEASIBLE_BOUNDS = 4
     NO_DESCENT = 5
     INNER_SOLVE_FAILED = 6
+    INVALID_VALUE = 7
+
+    @classmethod
+    def _missing_(cls, value: object) -> "Status | None":
+        return cls(value % BYTE) if isinstance(value, int) and value >= BYTE else None
+
+
+BYTE = 256
+_MOST_CAUSES = 2**22  # codes stay within 32 bits
+_CAUSES: dict[int, str] = {}
 
 
 _MESSAGES = {
@@ -44,6 +62,7 @@ _MESSAGES = {
         "a linear solve inside an iteration failed: raise its iteration limit, use a stronger preconditioner, or take "
         "a smaller time step"
     ),
+    Status.INVALID_VALUE: "was given a value that cannot be",
 }
 
 
@@ -61,11 +80,23 @@ class SolveInfo(Pytree):
     weakly_active: Array
 
 
+def caused(status: Status, cause: str) -> int:
+    """The code of a status with a sentence on what caused it, which `describe` then tells; the same in each process."""
+    number = zlib.crc32(cause.encode()) % _MOST_CAUSES + 1
+    while _CAUSES.setdefault(number, cause) != cause:  # two sentences of one number: the next one that is free
+        number += 1
+    return int(status) + BYTE * number
+
+
 def describe(status: Any) -> str:
     """Readable text of a status, on the host. status: an integer, a `SolveInfo`'s `status`, or an array of lanes'."""
     codes = np.atleast_1d(np.asarray(status)).ravel()
     if codes.size == 1:
-        return _MESSAGES[Status(int(codes[0]))]
+        return _message(int(codes[0]))
     kinds, counts = np.unique(codes, return_counts=True)
-    parts = [f"{n} of {codes.size}: {_MESSAGES[Status(int(k))]}" for k, n in zip(kinds, counts, strict=True)]
-    return "; ".join(parts)
+    return "; ".join(f"{n} of {codes.size}: {_message(int(k))}" for k, n in zip(kinds, counts, strict=True))
+
+
+def _message(code: int) -> str:
+    cause = _CAUSES.get(code // BYTE)
+    return _MESSAGES[Status(code)] + (f": {cause}" if cause else "")

@@ -35,7 +35,7 @@ def typed(model: Model, *values: Any) -> Any:
 
 
 def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any = None) -> None:
-    """Refuse a time step or shapes that cannot be right; values inside jit are not looked at."""
+    """Refuse a time step or shapes that cannot be right; values inside jit: see `values.py`."""
     if not isinstance(model, Model) or not isinstance(params, Params) or not isinstance(state, State):
         given = ", ".join(type(v).__name__ for v in (model, params, state))
         raise StepError(f"got ({given}); the order is (model, params, state), as build returns them")

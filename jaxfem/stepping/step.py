@@ -11,6 +11,7 @@ from jaxfem.solvers.implicit import SOLUTION
 from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
+from jaxfem.stepping.values import force_status, judged, value_status
 
 Array = jax.Array
 
@@ -19,7 +20,8 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
     """Advance by one time step `dt` [s]: (next state, info).
 
     `forces` (n, 3) [N]: extra nodal forces, held over the step. Differentiable (jvp, vjp, nested) in params, state, dt
-    and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`.
+    and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`. A number that
+    cannot be (in `params`, the state, dt or forces) is named by it, and a state that is not finite never has status 0.
     Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
     """
     params, state, dt_, forces = typed(model, params, state, dt, forces)
@@ -30,8 +32,10 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
+    given = value_status(model, params, state, dt, forces)
     state = begun(model, params, state, forces)
-    return model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    following, info = model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    return following, judged(info, following, given)
 
 
 def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies: Any = None) -> Model:
@@ -109,14 +113,12 @@ def _rollout(
     tries: int | None,
 ) -> tuple[State, StepInfo]:
     series = None if forces is None or forces.ndim != 3 else forces
+    given = value_status(model, params, state, dt, forces if series is None else None)
     state = begun(model, params, state, forces if series is None else series[0])
     cache = _cache(model, params, state, dt)  # made once for all steps
 
-    one = (
-        _one(model, params, dt, forces, cache)
-        if tries is None
-        else _one_that_ends(model, params, dt, forces, cache, tries)
-    )
+    taken = (model, params, dt, forces, cache, given)
+    one = _one(*taken) if tries is None else _one_that_ends(*taken, tries)
     carried = state if tries is None else (state, jnp.int32(0))
 
     def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
@@ -139,30 +141,39 @@ def _rollout(
     return together
 
 
-def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any) -> Any:
-    """A step as a scan's body."""
+def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array) -> Any:
+    """A step as a scan's body; `given`: the status of the numbers that all steps are given."""
 
     def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
-        return model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+        following, info = model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+        return following, judged(info, following, _given(given, force))
 
     return one
 
 
-def _one_that_ends(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, tries: int) -> Any:
+def _one_that_ends(
+    model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array, tries: int
+) -> Any:
     """A step as a scan's body, that is tried again in halves `tries` times; carries the status that ended the run."""
     advance = forgetting(lambda model, *others: model.method.step(model, *others))
 
     def one(carry: tuple[State, Array], force: Array | None) -> tuple[tuple[State, Array], StepInfo]:
-        force = forces if force is None else force
+        own, force = _given(given, force), forces if force is None else force
 
         def part(state: State, share: Any) -> tuple[State, StepInfo]:
-            return advance(model, params, state, dt * jnp.asarray(share, dt.dtype), force, cache)
+            following, info = advance(model, params, state, dt * jnp.asarray(share, dt.dtype), force, cache)
+            return following, judged(info, following, own)
 
         info = jax.eval_shape(part, carry[0], 1.0)[1]
         state, failed, told = persistent(part, tries, info)(*carry)
         return (state, failed), told
 
     return one
+
+
+def _given(given: Array, force: Array | None) -> Array:
+    """The status of what a step is given, with the forces of its own."""
+    return given if force is None else jnp.where(given != 0, given, force_status(force))
 
 
 def worst(infos: StepInfo) -> StepInfo:

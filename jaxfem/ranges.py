@@ -1,0 +1,97 @@
+"""Which values a number may have: declared beside the field that holds it, looked at inside compiled functions too.
+
+A field of a Pytree says so in its metadata, `compliance: Any = field(metadata=within(low=0))`. Of a field that says
+nothing only NaN is refused.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+Array = jax.Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Range:
+    """Admissible are values from `low` to `high`, with `open_low` only above `low` and with `open_high` below `high`;
+    infinite ones only where `infinite`. `advice` ends a sentence that begins with the number's name."""
+
+    low: float = -float("inf")
+    high: float = float("inf")
+    open_low: bool = False
+    open_high: bool = False
+    infinite: bool = False
+    advice: str = ""
+
+    def wrong(self, value: Any) -> Array:
+        """Where `value` cannot be, a bool for each number."""
+        known = jnp.asarray(value)
+        above = known > self.low if self.open_low else known >= self.low
+        below = known < self.high if self.open_high else known <= self.high
+        good = above & below
+        return ~(good if self.infinite else good & jnp.isfinite(known))
+
+    @property
+    def text(self) -> str:
+        """What the value must be, after the number's name."""
+        if self.advice:
+            return self.advice
+        words = []
+        if self.low > -float("inf"):
+            words.append(f"{'more than' if self.open_low else 'at least'} {self.low:g}")
+        if self.high < float("inf"):
+            words.append(f"{'less than' if self.open_high else 'at most'} {self.high:g}")
+        words.append("not NaN" if self.infinite else "finite")
+        return f"must be {' and '.join(words)}"
+
+
+@dataclasses.dataclass(frozen=True)
+class Directions(Range):
+    """Rows of numbers (..., k), finite and not all zero: directions, quaternions."""
+
+    def wrong(self, value: Any) -> Array:
+        """Where a row cannot be, (..., 1)."""
+        known = jnp.asarray(value)
+        return super().wrong(known).any(-1, keepdims=True) | (known == 0).all(-1, keepdims=True)
+
+
+FINITE = Range()
+NOT_NAN = Range(infinite=True)
+
+
+def within(
+    low: float = -float("inf"), high: float = float("inf"), *, open_low: bool = False, infinite: bool = False
+) -> dict[str, Range]:
+    """A field's metadata."""
+    return {"range": Range(low, high, open_low=open_low, infinite=infinite)}
+
+
+def ranged(value: Range | None) -> dict[str, Range | None]:
+    """A field's metadata, for a range of any kind; None: its numbers are not looked at."""
+    return {"range": value}
+
+
+def ranges_of(tree: Any, where: str = "", given: Range | None = NOT_NAN) -> Iterator[tuple[str, Any, Range]]:
+    """(name, value, range) of all numbers in a tree of dataclasses, tuples and dictionaries.
+
+    Names are those by which Python reaches them, `rigid.mass` or `joints["point rigid-world"].compliance`, behind
+    `where`. `given`: of numbers that declare none, found in a field that does.
+    """
+    if tree is None or given is None:
+        return
+    if dataclasses.is_dataclass(tree):
+        for field in dataclasses.fields(tree):
+            if not field.metadata.get("static"):
+                name = f"{where}.{field.name}" if where else field.name
+                yield from ranges_of(getattr(tree, field.name), name, field.metadata.get("range", NOT_NAN))
+    elif isinstance(tree, Mapping):
+        for key, value in tree.items():
+            yield from ranges_of(value, f'{where}["{key}"]', given)
+    elif isinstance(tree, tuple | list):
+        for number, value in enumerate(tree):
+            yield from ranges_of(value, f"{where}[{number}]", given)
+    else:
+        yield where, tree, given
