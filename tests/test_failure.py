@@ -34,7 +34,7 @@ def test_a_run_ends_at_its_first_bad_step(beam):
     np.testing.assert_allclose(states.time, DT * np.minimum(np.arange(1, STEPS + 1), BAD + 1))
     assert (infos.iterations[BAD + 1 :] == 0).all() and (infos.iterations[:BAD] > 0).all()
     found = jf.diagnose(beam[0], beam[1], states, infos)
-    assert found.step == BAD + 1 and "not finite" in found.text
+    assert found.step == BAD + 1 and "forces must be finite" in found.text
 
 
 def test_a_run_without_failure_is_what_it_always_is(beam):
