@@ -115,7 +115,8 @@ class Model(Pytree):
     for it, else None. `scheme`: the time scheme; `frequencies` [rad/s]: those whose damping by the scheme `info`
     reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `node_group` (n,): a
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
-    `laws`: the material law of each body, in the order of `bodies`.
+    `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
+    which joints tie, b where they are tied to soft bodies; None where nothing can strike.
     """
 
     rest: Array
@@ -142,6 +143,7 @@ class Model(Pytree):
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
     node_group: Array | None = None
+    islands: Array | None = None
     laws: tuple[Material, ...] = static(default=())
 
     @property

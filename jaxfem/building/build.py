@@ -12,7 +12,7 @@ from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_m
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
-from jaxfem.declared.errors import checked_choice
+from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind
@@ -63,6 +63,7 @@ def build(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
+    refuse_traced({"rho_inf": rho_inf, "tolerance": tolerance, "max_iterations": max_iterations})
     checked_choice("mass", mass, MASSES)
     checked_choice("rotation_update", rotation_update, ROTATION_UPDATES)
     asked = method_asked(solver, rotation_update)

@@ -34,6 +34,8 @@ def with_coupling(
     joints, softness = joint_parts(scene.joints, index, dtype)
     contacts, roughness = contact_parts(scene.contacts, index, dtype)
     model = model.replace(joints=joints, contacts=contacts)
+    if rigid and (contacts or any(each.one_sided for each in joints.values())):
+        model = model.replace(islands=_islands(scene, index))
     if model.scheme.restarts:
         model = model.replace(node_group=_tied(scene, index)[model.node_body])
     return model, params.replace(joints=softness, contacts=roughness), state
@@ -58,6 +60,21 @@ def _tied(scene: Scene, index: BodyIndex) -> jax.Array:
         tied = [number for kind, number in ends if kind == "soft"]
         for other in tied[1:]:
             group[group == group[other]] = group[tied[0]]
+    return jnp.asarray(group, jnp.int32)
+
+
+def _islands(scene: Scene, index: BodyIndex) -> jax.Array:
+    """A number for each rigid body, the same for those that joints tie; their count for those tied to soft bodies."""
+    count = len(scene.rigid)
+    group = np.arange(count)
+    moving = [not (body.fixed or body.motion is not None) for body in scene.rigid]
+    for joint in scene.joints:
+        ends = [index.find(body, "a joint") for body in (joint.a, joint.b) if _is_body(body)]
+        numbers = [number for kind, number in ends if kind == "rigid" and moving[number]]
+        own = {group[number] for number in numbers}
+        if own:
+            to = count if any(kind == "soft" for kind, _ in ends) else max(own)
+            group[np.isin(group, list(own))] = to
     return jnp.asarray(group, jnp.int32)
 
 

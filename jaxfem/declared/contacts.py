@@ -3,7 +3,7 @@
 from dataclasses import dataclass, field
 from typing import Any
 
-from jaxfem.declared.errors import SceneError, checked_number
+from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
 from jaxfem.inputs import Nodes, Number, Text, Vertices, takes
 from jaxfem.rigid.shapes.base import Shape, obstacles
 
@@ -33,6 +33,7 @@ class Contact:
     name: str | None = field(default=None, metadata=takes(Text(optional=True)))
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         if self.a is None or self.b is None:
             raise SceneError(f'"{self.label}" needs two partners; ground is a Plane, a HeightField or a SignedDistance')
         if isinstance(self.b, Shape):

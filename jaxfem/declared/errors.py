@@ -1,13 +1,34 @@
 """The error of a declaration that cannot be right, and checks that several declarations share."""
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
+import jax
 import numpy as np
 
 
 class SceneError(ValueError):
     """A declaration that cannot be built; the message names the body, what is wrong and what to do."""
+
+
+def refuse_traced(declared: Any) -> None:
+    """Refuse numbers inside jit, grad or vmap, which no check on the host can read; SceneError says where they belong.
+
+    `declared`: a dataclass that users fill in, or the arguments of a call by name.
+    """
+    plain = isinstance(declared, dict)
+    kind = "call of build" if plain else type(declared).__name__
+    given = declared if plain else {each.name: getattr(declared, each.name) for each in dataclasses.fields(declared)}
+    for name, value in given.items():
+        if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):
+            raise SceneError(
+                f"{name} of a {kind} is a value inside jax.grad, jit or vmap. A scene is declared and built outside of "
+                "them, once, with plain numbers; what is differentiated or mapped over are `params` and the state that "
+                "build returns, changed inside: params.replace(young=...), state.replace(...); contacts' and joints' "
+                "numbers are in params.contacts and params.joints, planes, radii and offsets in model.contacts "
+                "(docs/derivatives.md)"
+            )
 
 
 def checked_vector(what: str, value: Any, length: int = 3) -> np.ndarray:

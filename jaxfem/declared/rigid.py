@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.declared.errors import SceneError, checked_number, checked_vector
+from jaxfem.declared.errors import SceneError, checked_number, checked_vector, refuse_traced
 from jaxfem.inputs import Flag, Number, Text, Vector, takes
 from jaxfem.motion import Motion
 from jaxfem.rigid.shapes.base import Shape, solids
@@ -35,6 +35,7 @@ class RigidBody:
     name: str | None = field(default=None, metadata=takes(Text(optional=True)))
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         label = self.label
         if not (isinstance(self.shape, Shape) and self.shape.is_solid()):
             known = ", ".join(each.__name__ for each in solids())

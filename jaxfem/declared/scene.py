@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared import Joint, RigidBody, SceneError
+from jaxfem.declared.errors import refuse_traced
 from jaxfem.declared.soft import ROTATIONS, Driven, SoftBody
 from jaxfem.elements.smoothing import STRAINS
 
@@ -27,6 +28,7 @@ class Scene:
     contacts: Sequence[Any] = ()
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         if isinstance(self.bodies, SoftBody | RigidBody):
             raise SceneError(f"bodies is a single {type(self.bodies).__name__}: write Scene([body])")
         if len(self.bodies) == 0:

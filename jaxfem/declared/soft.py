@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.declared.errors import SceneError, checked_choice
+from jaxfem.declared.errors import SceneError, checked_choice, refuse_traced
 from jaxfem.declared.loads import Load
 from jaxfem.elements.smoothing import STRAINS
 from jaxfem.elements.tetra import RotationKind
@@ -25,6 +25,9 @@ class Driven:
 
     nodes: Any
     motion: Motion
+
+    def __post_init__(self) -> None:
+        refuse_traced(self)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -53,6 +56,7 @@ class SoftBody:
     material: Material | None = None
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         if not isinstance(self.mesh, TetMesh):
             raise SceneError(
                 f"mesh is a {type(self.mesh).__name__}, not a TetMesh: use jaxfem.mesh.read(path), mesh.box(...) "

@@ -35,7 +35,7 @@ class RowMethod(Method):
         """Make the system, solve it, and move everything with the velocities found."""
         system = system_of(model, params, state, dt, forces)
         solved = self.solve(system, model.plan, cache, velocities_of(state), state.memory)
-        return ended(model, params, state, dt, solved, system.impact)
+        return ended(model, params, state, dt, solved, system.impact, system.passed)
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""

@@ -15,9 +15,18 @@ Array = jax.Array
 
 
 def ended(
-    model: Model, params: Params, state: State, dt: Array, solved: Solved, impact: Array | None = None
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Array,
+    solved: Solved,
+    impact: Array | None = None,
+    passed: Array | None = None,
 ) -> tuple[State, StepInfo]:
-    """The next state and the step's info. `impact` (n,): nodes whose step is one of backward Euler; None: no such."""
+    """The next state and the step's info. `impact` (n,): nodes whose step is one of backward Euler; None: no such.
+
+    `passed` (b,): see `System`.
+    """
     velocities = solved.velocities[: model.nodes]
     positions, accelerations = _moved(model, state, velocities, dt, impact)
     following = state.replace(
@@ -26,7 +35,7 @@ def ended(
         time=state.time + dt,
         memory=solved.impulses,
         accelerations=accelerations,
-        rigid=advance_rigid(model, params, state, solved.velocities, dt),
+        rigid=advance_rigid(model, params, state, solved.velocities, dt, passed),
         internal=committed(model, params, state, positions, dt),
     )
     info = solved.info

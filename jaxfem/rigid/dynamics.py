@@ -88,13 +88,29 @@ def angular_momentum(bodies: RigidSet, mass: Array, state: RigidState) -> Array:
     return jnp.einsum("bij,bj->bi", inertia, state.angular_velocities)
 
 
-def advanced(bodies: RigidSet, mass: Array, state: RigidState, linear: Array, angular: Array, dt: Array) -> RigidState:
-    """The state after a step whose solved velocities are `linear` and `angular` (b, 3)."""
+def advanced(
+    bodies: RigidSet,
+    mass: Array,
+    state: RigidState,
+    linear: Array,
+    angular: Array,
+    dt: Array,
+    passed: Array | None = None,
+) -> RigidState:
+    """The state after a step whose solved velocities are `linear` and `angular` (b, 3).
+
+    `passed` (b,): share of the step in which bodies go on as they did before, until they are struck; None: no body is.
+    """
     momentum = jnp.einsum("bij,bj->bi", world_inertia(bodies, mass, midway(bodies, state, dt)), angular)
-    orientations = turned(state.orientations, dt * angular)
+    along, turning = linear, angular
+    if passed is not None:
+        share = (passed * bodies.free)[:, None]
+        along = along + share * (state.velocities - along)
+        turning = turning + share * (state.angular_velocities - turning)
+    orientations = turned(state.orientations, dt * turning)
     spin = jnp.einsum("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
     return RigidState(
-        positions=state.positions + dt * linear,
+        positions=state.positions + dt * along,
         orientations=orientations,
         velocities=linear,
         angular_velocities=jnp.where(bodies.free[:, None] > 0, spin, angular),

@@ -2,8 +2,10 @@
 
 A normal row keeps the gap g of a pair from closing within the step (it acts before they touch, so nothing tunnels):
     J v - c  complementary to  lam >= 0,   c = -g / dt  for g >= 0,   -PUSH g / dt  for g < 0,
-or c = -e (J v)_old, if larger, where an impact is due. Friction rows are bounded by mu times the normal impulse; the
-route sees to that. Pairs that cannot meet are switched off by a zero row.
+or c = -e (J v)_old, if larger, where an impact is due; where rigid bodies meet, `system/impacts.py` knows better.
+Friction rows are bounded by mu times the normal impulse; the route sees to that. A pair that meets after the share t of
+the step goes on freely until then: J v - t J v* = 0 where it sticks, and what is left of its sliding, with what is left
+of the normal velocity, is the next step's. Pairs that cannot meet are switched off by a zero row.
 """
 
 import dataclasses
@@ -144,8 +146,8 @@ class SurfaceContacts(Candidates):
 
 def contact_rows(
     candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, free: Array
-) -> tuple[PointRows, PointRows | None]:
-    """Normal rows (m, 1) and tangential rows (m, 2), None where nothing is rough.
+) -> tuple[PointRows, PointRows | None, Array]:
+    """Normal rows (m, 1), tangential rows (m, 2), None where nothing is rough, and gaps (m, 1) [m].
 
     `before` (n, 3): velocities at the start of the step; `free`: those that it would end with without any row.
     """
@@ -166,10 +168,12 @@ def contact_rows(
         upper=jnp.where(on[:, None], jnp.inf, 0),
     )
     if not candidates.rough:
-        return upright, None
+        return upright, None, pairs.gap[:, None]
     across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * on[:, None, None]
     none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
-    return upright, PointRows(triples, across, none, none, unknowns=at.unknowns, lower=none, upper=none)
+    way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, free)
+    rough = PointRows(triples, across, none, way, unknowns=at.unknowns, lower=none, upper=none)
+    return upright, rough, pairs.gap[:, None]
 
 
 def tangents(normal: Array) -> Array:
@@ -181,7 +185,17 @@ def tangents(normal: Array) -> Array:
 
 
 def _rates(normal: Array, triples: Array, velocities: Array) -> Array:
-    return jnp.einsum("mk,mk->m", normal[:, 0], velocities[triples].reshape(normal.shape[0], -1))
+    return _across(normal, triples, velocities)[:, 0]
+
+
+def _across(rows: Array, triples: Array, velocities: Array) -> Array:
+    return jnp.einsum("mrk,mk->mr", rows, velocities[triples].reshape(rows.shape[0], -1))
+
+
+def _way_before(gap: Array, coming: Array, bias: Array, dt: Array) -> Array:
+    """Share (m,) of the step in which a pair that arrives has not met yet, and slides as if there were no friction."""
+    arriving = (gap > 0) & (gap + dt * coming < 0) & (bias <= 0)
+    return jnp.where(arriving, gap / jnp.where(arriving, -dt * coming, 1), 0)
 
 
 def _wanted_rate(gap: Array, approach: Array, coming: Array, restitution: Array, dt: Array) -> Array:

@@ -27,6 +27,7 @@ from jaxfem.rows.contact import contact_rows
 from jaxfem.rows.locks import Pulling
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.impacts import Gaps, gaps_of, island_slots, with_impacts
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
 from jaxfem.tensors import inverse_blocks
 
@@ -35,6 +36,8 @@ Array = jax.Array
 
 TRACE = {True: 1e-9, False: 1e-6}
 """Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
+TOUCHING = 1e-3
+"""Of a contact's margin: gap within which bodies rest on each other."""
 STIFFNESS_ONSET = 1.0
 """dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
 
@@ -61,10 +64,18 @@ def coupled_system(
     elastic = tuple(each.replace(nodes=at.unknowns) for each in soft.elastic)
     stage = stage_of(model, state, soft.prescribed, dt, impact)
     reached = system.target if unhindered is None else unhindered
-    extra, friction = _extra_rows(model, params, state, dt, stage, at, reached)
-    inverse = inverse_mass(system)
+    extra, friction, gaps = _extra_rows(model, params, state, dt, stage, at, reached)
+    inverse, passed = inverse_mass(system), None
+    if model.islands is not None and model.rigid is not None and gaps:
+        slots = island_slots(model.islands, model.rigid.free)
+        velocities = (velocities_of(state), system.target)
+
+        def moved(momenta: Array) -> Array:
+            return apply_inverse_mass(inverse, momenta)
+
+        extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, pull or {}, dt)
     hardened = OrderedDict((name, _hardened(rows, *inverse)) for name, rows in extra.items())
-    return system.replace(elastic=elastic, extra=hardened, friction=friction)
+    return system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
 
 
 def joint_name(label: str) -> str:
@@ -84,26 +95,30 @@ def friction_name(label: str) -> str:
 
 def _extra_rows(
     model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, unhindered: Array
-) -> tuple[OrderedDict[str, PointRows], dict[str, Friction]]:
-    """Rows of joints and contacts by group, and which of them are friction's.
+) -> tuple[OrderedDict[str, PointRows], dict[str, Friction], dict[str, Gaps]]:
+    """Rows of joints and contacts by group, which of them are friction's, and the gaps of those that strike.
 
     `unhindered` (n, 3): end-of-step velocities as they would be without any row.
     """
     ahead = at.replace(nodes=stage.base)
     striking = _plain_stage(state, dt).replace(weight=stage.weight)
     extra: OrderedDict[str, PointRows] = OrderedDict()
+    gaps: dict[str, Gaps] = {}
     for label, group in sorted(model.joints.items()):
         place = (at, striking) if group.one_sided else (ahead, stage)
         extra[joint_name(label)] = group.rows(place[0], params.joints[label], place[1])
+        if group.one_sided:
+            gaps[joint_name(label)] = gaps_of(extra[joint_name(label)], dt)
     friction = {}
     for label, group in sorted(model.contacts.items()):
         values = params.contacts[label]
-        normal, tangent = contact_rows(group, at, values, dt, velocities_of(state), unhindered)
+        normal, tangent, gap = contact_rows(group, at, values, dt, velocities_of(state), unhindered)
+        gaps[contact_name(label)] = Gaps(gap, values.restitution[:, None], TOUCHING * group.margin[:, None])
         extra[contact_name(label)] = normal
         if tangent is not None:
             friction[friction_name(label)] = Friction(values.friction, contact_name(label))
             extra[friction_name(label)] = tangent
-    return extra, friction
+    return extra, friction, gaps
 
 
 def _plain_stage(state: State, dt: Array) -> Stage:
@@ -122,7 +137,7 @@ def _impact(model: Model, params: Params, state: State, dt: Array, unhindered: A
 
     `unhindered` as in `_extra_rows`.
     """
-    rows, friction = _extra_rows(model, params, state, dt, _plain_stage(state, dt), at, unhindered)
+    rows, friction, _ = _extra_rows(model, params, state, dt, _plain_stage(state, dt), at, unhindered)
     assert model.node_group is not None
     struck = jnp.zeros(model.nodes, bool)  # by group, of which there are fewer
     for name, each in rows.items():
@@ -171,12 +186,14 @@ def apply_mass(system: System, velocities: Array) -> Array:
     return momentum.at[-bodies:].set(turning)
 
 
-def advance_rigid(model: Model, params: Params, state: State, velocities: Array, dt: Array) -> Any:
-    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies."""
+def advance_rigid(
+    model: Model, params: Params, state: State, velocities: Array, dt: Array, passed: Array | None = None
+) -> Any:
+    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies. `passed`: see `System`."""
     if model.rigid is None or params.rigid is None or state.rigid is None:
         return None
     linear, angular = jnp.split(velocities[model.nodes :], 2)
-    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt)
+    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt, passed)
 
 
 def _with_rigid(

@@ -34,7 +34,8 @@ class System(Pytree):
     that is not lumped; it acts on the change from the velocities `before` (n, 3).
     With rigid bodies n counts all triples (see `rows/attachments.py`), and `inertia` (b, 3, 3) are the blocks of the
     last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
-    there, which is then one of backward Euler.
+    there, which is then one of backward Euler. `passed` (b,): share of the step before a rigid body is struck, in which
+    it goes on as it did (see `impacts.py`).
     """
 
     elastic: tuple[ElasticRows, ...]
@@ -53,6 +54,7 @@ class System(Pytree):
     before: Array | None = None
     inertia: Array | None = None
     impact: Array | None = None
+    passed: Array | None = None
 
     @property
     def rows(self) -> OrderedDict[str, Rows]:

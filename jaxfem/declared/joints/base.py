@@ -13,7 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
-from jaxfem.declared.errors import SceneError, checked_number
+from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
 from jaxfem.inputs import Declared, Number, Text, takes
 from jaxfem.registry import Registry
 from jaxfem.rows.attachments import Frame, Point
@@ -72,6 +72,7 @@ class Joint(Declared):
             JOINTS.add(word, cls, **fixed)
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         if self.a is None and self.b is None:
             raise SceneError(f'"{self.label}" joins the world to itself: give a body')
         checked_number(f'compliance of "{self.label}"', self.compliance, low=0)

@@ -2,7 +2,7 @@
 
 import dataclasses
 
-from jaxfem.declared.errors import checked_number
+from jaxfem.declared.errors import checked_number, refuse_traced
 from jaxfem.inputs import Flag, Number, takes
 
 
@@ -21,6 +21,7 @@ class Motor:
     damping: float = dataclasses.field(default=0.0, metadata=takes(Number()))
 
     def __post_init__(self) -> None:
+        refuse_traced(self)
         checked_number("target of a motor", self.target)
         checked_number("strength of a motor", self.strength, low=0)
         checked_number("compliance of a motor", self.compliance, low=0)
