@@ -1,6 +1,7 @@
 """Resolved loads: what enters the compiled step. Each turns its value (a leaf of `params.loads`) into nodal forces."""
 
 from collections.abc import Sequence
+from typing import Protocol
 
 import jax
 import jax.numpy as jnp
@@ -8,6 +9,13 @@ import jax.numpy as jnp
 from jaxfem.pytrees import Pytree
 
 Array = jax.Array
+
+
+class ResolvedLoad(Protocol):
+    """A load as the step knows it, a Pytree: `params.loads` holds its value."""
+
+    def force(self, value: Array, positions: Array) -> Array:
+        """Nodal forces (n, 3) [N] of a value, at `positions` (n, 3)."""
 
 
 class WeightedForce(Pytree):
@@ -34,7 +42,7 @@ class FacePressure(Pytree):
         return jnp.zeros_like(positions).at[self.faces].add(corner)
 
 
-def load_force(loads: Sequence[WeightedForce | FacePressure], values: Sequence[Array], positions: Array) -> Array:
+def load_force(loads: Sequence[ResolvedLoad], values: Sequence[Array], positions: Array) -> Array:
     """Sum of all resolved loads on the nodes, (n, 3) [N]."""
     total = jnp.zeros_like(positions)
     for load, value in zip(loads, values, strict=True):

@@ -10,7 +10,7 @@ from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
-from jaxfem.loads import FacePressure, WeightedForce
+from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.motion import Motion
@@ -126,7 +126,7 @@ class Model(Pytree):
     node_body: Array
     free: Array
     pattern: Pattern
-    loads: tuple[WeightedForce | FacePressure, ...]
+    loads: tuple[ResolvedLoad, ...]
     driven: tuple[Array, ...]
     tolerance: Array
     max_iterations: Array

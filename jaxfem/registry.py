@@ -33,6 +33,10 @@ class Registry(Generic[T]):
             )
         self._kinds[word] = Kind(made, fixed)
 
+    def remove(self, word: str) -> None:
+        """Forget a word, as where a class was defined for a moment."""
+        del self._kinds[word]
+
     def __contains__(self, word: object) -> bool:
         return word in self._kinds
 

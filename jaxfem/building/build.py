@@ -13,12 +13,9 @@ from jaxfem.building.coupled import with_coupling
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
 from jaxfem.declared.errors import checked_choice, refuse_traced
-from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind
 from jaxfem.elements.tetra import Elements, shape_gradients
-from jaxfem.loads import FacePressure, WeightedForce
-from jaxfem.mesh import locate
 from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
@@ -146,7 +143,7 @@ def _model(
         free=jnp.asarray(free, dtype),
         pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
-            _resolved(load, b, o, dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
+            load.resolved(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
         driven=tuple(on_device(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),
@@ -171,62 +168,9 @@ def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
     return Params(
         constants=body_constants(bodies, dtype),
         gravity=on_device(scene.gravity, dtype),
-        loads=tuple(jnp.asarray(_load_value(load), dtype) for b in bodies for load in b.loads),
+        loads=tuple(jnp.asarray(load.value, dtype) for b in bodies for load in b.loads),
         motions=tuple(cast(d.motion) for b in bodies for d in b.driven),
     )
-
-
-def _resolved(load: Load, body: SoftBody, offset: int, dtype: Any) -> WeightedForce | FacePressure:
-    """Node indices and weights of a declared load."""
-    mesh = body.mesh
-    if isinstance(load, NodalForce):
-        nodes = body.nodes_of("load", load.nodes)
-        _check_value(body, load.force, ((3,), (len(nodes), 3)), "force of a NodalForce")
-        return _weighted(nodes + offset, np.ones(len(nodes)), dtype)
-    if isinstance(load, PointForce):
-        _check_value(body, load.point, ((3,),), "point of a PointForce")
-        _check_value(body, load.force, ((3,),), "force of a PointForce")
-        cell, weights, distance = locate(mesh.points, mesh.cells, np.asarray(load.point, float)[None])
-        if distance[0] > 1e-6 * np.ptp(mesh.points, axis=0).max():
-            raise SceneError(
-                f'a PointForce of "{body.label}" acts at {tuple(load.point)}, {distance[0]:.3g} m outside the body'
-            )
-        return _weighted(mesh.cells[cell[0]] + offset, weights[0], dtype)
-    faces = mesh.faces(load.faces) if isinstance(load.faces, str) else _checked_faces(body, load.faces)
-    if isinstance(load, Pressure):
-        _check_value(body, load.pressure, ((),), "pressure of a Pressure")
-        return FacePressure(jnp.asarray(faces + offset, jnp.int32))
-    _check_value(body, load.traction, ((3,),), "traction of a Traction")
-    a, b, c = (mesh.points[faces[:, i]] for i in range(3))
-    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-    return _weighted(faces.ravel() + offset, np.repeat(area / 3, 3), dtype)
-
-
-def _weighted(nodes: np.ndarray, weights: np.ndarray, dtype: Any) -> WeightedForce:
-    return WeightedForce(jnp.asarray(nodes, jnp.int32), jnp.asarray(weights, dtype))
-
-
-def _load_value(load: Load) -> Any:
-    if isinstance(load, Traction):
-        return load.traction
-    return load.pressure if isinstance(load, Pressure) else load.force
-
-
-def _checked_faces(body: SoftBody, faces: Any) -> np.ndarray:
-    array = np.asarray(faces)
-    known = {tuple(sorted(f)) for f in body.mesh.surface.tolist()}
-    if array.ndim != 2 or array.shape[1] != 3 or not all(tuple(sorted(f)) in known for f in array.tolist()):
-        raise SceneError(
-            f'faces of a load on "{body.label}" must be triangles (k, 3) of its surface; see mesh.surface, or name one '
-            f"of its face groups: {', '.join(body.mesh.face_groups) or 'none'}"
-        )
-    return array
-
-
-def _check_value(body: SoftBody, value: Any, shapes: Sequence[tuple[int, ...]], what: str) -> None:
-    array = np.asarray(value, dtype=float)
-    if array.shape not in shapes or not np.isfinite(array).all():
-        raise SceneError(f'{what} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}')
 
 
 def _check_same(bodies: Sequence[SoftBody], what: str) -> None:

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.declared.loads import Load, NodalForce, PointForce, Pressure, Traction
+from jaxfem.declared.loads import LOADS, Load
 from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
@@ -22,12 +22,6 @@ BODY_KEYS = (
 )
 MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
 DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
-LOAD_KEYS = {
-    "nodal_force": ("nodes", "value"),
-    "traction": ("faces", "value"),
-    "pressure": ("faces", "value"),
-    "point_force": ("point", "value"),
-}
 MESH_KEYS = {
     "file": ("scale",),
     "box": ("cells", "tets_per_cell", "origin"),
@@ -43,7 +37,7 @@ def body_keys(values: dict[str, Any], where: str) -> tuple[str, ...]:
 
 
 def _law(table: Table) -> type[Material]:
-    return LAWS[table.choice("material", tuple(LAWS), Linear.word)]
+    return LAWS[table.choice("material", LAWS.words(), Linear.word)].made
 
 
 def read_body(table: Table, folder: Path) -> SoftBody:
@@ -191,15 +185,17 @@ def read_motion(table: Table) -> Motion:
 
 
 def _load(values: dict[str, Any], mesh: TetMesh, where: str) -> Load:
-    kind = values.get("kind")
-    if not isinstance(kind, str) or kind not in LOAD_KEYS:
-        problem = f"missing key 'kind' in {where}" if kind is None else f"'kind' in {where} is {kind!r}"
-        raise SceneFileError(problem + suggestion(str(kind), LOAD_KEYS))
-    table = Table(values, f"{where} ({kind})", ("kind", *LOAD_KEYS[kind]))
-    if kind == "nodal_force":
-        return NodalForce(select_nodes(table, "nodes", mesh), table.vector("value", unit="N"))
-    if kind == "traction":
-        return Traction(select_faces(table, "faces", mesh), table.vector("value", unit="Pa"))
-    if kind == "pressure":
-        return Pressure(select_faces(table, "faces", mesh), table.number("value", unit="Pa"))
-    return PointForce(table.vector("point", unit="m"), table.vector("value", unit="N"))
+    word = values.get("kind")
+    if not isinstance(word, str) or word not in LOADS:
+        problem = f"missing key 'kind' in {where}" if word is None else f"'kind' in {where} is {word!r}"
+        raise SceneFileError(problem + suggestion(str(word), LOADS.words()))
+    kind = LOADS[word].made
+    table = Table(values, f"{where} ({word})", ("kind", kind.place, "value"))
+    amount = table.number("value", unit=kind.unit) if kind.scalar else table.vector("value", unit=kind.unit)
+    return kind(**{kind.place: _place(table, kind.place, mesh), kind.amount: amount})
+
+
+def _place(table: Table, key: str, mesh: TetMesh) -> Any:
+    """Where a load acts: nodes, faces or a point."""
+    select = {"nodes": select_nodes, "faces": select_faces}
+    return select[key](table, key, mesh) if key in select else table.vector(key, unit="m")

@@ -7,12 +7,13 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.registry import Registry
 
 Array = jax.Array
 Values = Mapping[str, Array]
 Pair = tuple[Array, Array]
 
-LAWS: dict[str, type["Material"]] = {}
+LAWS: Registry["Material"] = Registry("material")
 """Every law by its word, as scene files name it; a law enters itself when its class is defined."""
 
 
@@ -45,11 +46,8 @@ class Material:
         super().__init_subclass__(**kwargs)
         if not word:
             return  # a class that others share code through
-        known = LAWS.get(word)
-        if known is not None and (known.__module__, known.__qualname__) != (cls.__module__, cls.__qualname__):
-            raise TypeError(f'two material laws go by the word "{word}": {known.__qualname__} and {cls.__qualname__}')
+        LAWS.add(word, cls)
         cls.word = word
-        LAWS[word] = cls
 
     def __init__(self, **given: Any):
         names = [each.name for each in self.constants]

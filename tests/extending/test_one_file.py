@@ -82,6 +82,28 @@ class Level(Shape, word="level"):
     def distance(self, point):
         return point[2] - self.height
 """
+LOAD = """
+from typing import Any
+
+import numpy as np
+
+from jaxfem.declared.loads.base import Load, Loaded, weighted
+
+
+class Shared(Load, kind="shared"):
+    \"\"\"One force, shared by some nodes.\"\"\"
+
+    nodes: Any
+    total: Any
+
+    place = "nodes"
+    amount = "total"
+    unit = "N"
+
+    def resolved(self, body: Loaded, offset: int, dtype: Any) -> Any:
+        nodes = body.nodes_of("load", self.nodes)
+        return weighted(nodes + offset, np.full(len(nodes), 1 / len(nodes)), dtype)
+"""
 BODY = "[[body]]\nmesh = { box = [1, 1, 1], cells = 1 }\ndensity = 1e3\n"
 LINEAR = BODY + "young = 1e5\npoisson = 0.3\n"
 TIME = "[time]\nstep = 0.01\nsteps = 1\n"
@@ -94,6 +116,11 @@ CASES = {
         JOINT,
         TIME + BALL + '[[joint]]\nkind = "peg"\nb = "ball"\nplace = [0, 0, 0.1]\n',
         "model.joints['point world-rigid']",
+    ),
+    "declared/loads": (
+        LOAD,
+        TIME + LINEAR + "[[body.load]]\nkind = 'shared'\nnodes = 'x+'\nvalue = [1, 2, 3]\n",
+        "model.loads[0].weights.sum() == 1 and params.loads[0]",
     ),
     "rigid/shapes": (
         SHAPE,

@@ -31,7 +31,7 @@ def test_a_law_is_known_by_its_class_and_options():
     assert (two.count, two.whole, two.law.count) == (2, False, 2)
     assert two != Branches(young=1e5) and two == pickle.loads(pickle.dumps(two)) == copy.deepcopy(two)
     assert repr(two) == "Branches(count=2, whole=False, young=100000.0)"
-    assert LAWS["linear"] is jf.Linear and Branches not in LAWS.values()
+    assert LAWS["linear"].made is jf.Linear and Branches not in LAWS.classes()
     with pytest.raises(AttributeError, match="a material does not change"):
         one.values = {}
 
