@@ -166,6 +166,8 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -
 
     def trip(s: _Rounds) -> _Rounds:
         system = _system(inputs, s.velocities)
+        # The limit counts the iterations of all rounds.
+        system = system.replace(max_iterations=system.max_iterations - s.iterations)
         residual = jnp.linalg.norm(momentum_gradient(system, s.velocities))
         first = s.rounds == 0
         scale = jnp.where(first, residual, s.residual)
@@ -187,7 +189,8 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -
         return following
 
     def running(s: _Rounds) -> Array:
-        return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS)
+        left = s.iterations < inputs.model.max_iterations
+        return (s.status == int(Status.ITERATION_LIMIT)) & (s.rounds < ROUNDS) & left
 
     noise = ROUNDING * inputs.dt * elastic_rounding(inputs.model, inputs.params, inputs.state.positions)
     free = inputs.model.free[:, None]

@@ -30,6 +30,7 @@ class _Rules(Pytree):
     limit: Any
     gamma: Any
     step_scale: Any
+    rounding: Any
 
 
 class _State(Pytree):
@@ -63,6 +64,7 @@ def mprgp_loop(
     max_iterations: Any = None,
     gamma: Any = 1.0,
     step_scale: Any = 1.6,
+    rounding: Any = None,
 ) -> tuple[Any, SolveInfo]:
     """Minimise 1/2 x'Ax - b'x over lower <= x <= upper, without a derivative rule; `mprgp` is the one with.
 
@@ -70,11 +72,13 @@ def mprgp_loop(
     rows, say); x0 and diagonal (of A, for Jacobi scaling; None for no scaling) share its structure.
     lower, upper: None, a scalar, or a pytree of that structure with None for blocks that have no bound: nothing is
     paid for those, and with no bound at all this is plain scaled conjugate gradients (`pcg`).
+    rounding: share of the norm of S^-1 x, S the scaling, below which a residual is rounding and ends the loop too:
+    where great entries cancel in A x, no tolerance is met otherwise.
     Each trip makes one product with A, whatever its kind. The residual is that of `mprgp`.
     """
     box = make_box(b, lower, upper)
     # Scaled variables y: x = S y with S = diag(A)^-1/2, so that S A S has a unit diagonal and the box stays a box.
-    rules = _Rules(tol, default_limit(b) if max_iterations is None else max_iterations, gamma, step_scale)
+    rules = _Rules(tol, default_limit(b) if max_iterations is None else max_iterations, gamma, step_scale, rounding)
     if diagonal is None:
         return _minimise(operator, b, box, x0, jnp.bool_(True), rules)
     usable = jnp.stack([jnp.all(~(d <= 0)) for d in jax.tree.leaves(diagonal)]).all()
@@ -151,7 +155,7 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
     phi, beta = box.split(x, g)
     residual = jnp.sqrt(trees.dot(phi, phi) + trees.dot(beta, beta))
     scale = jnp.where(s.pending & (s.scale == 0), trees.norm(g), s.scale)
-    close = residual <= rules.tol * scale
+    close = residual <= _target(rules, scale, x)
     # p <- phi - (phi'Ap / p'Ap) p after a conjugate step, phi after any other; the displacement after a projection.
     # Convergence is only believed of a gradient just computed: a small recurred one is handed on as if projected.
     conjugate = trees.plus(phi, -jnp.where(proportional, trees.dot(phi, Aw) / curvature, 0), s.p)
@@ -171,6 +175,11 @@ def _trip(operator: Callable[[Any], Any], b: Any, box: Box, rules: _Rules, s: _S
         iteration=s.iteration + 1,
         status=_judge(s.pending & ~undone, sound, wAw, residual, close),
     )
+
+
+def _target(rules: _Rules, scale: Array, x: Any) -> Array:
+    target: Array = rules.tol * scale
+    return target if rules.rounding is None else jnp.maximum(target, rules.rounding * trees.norm(x))
 
 
 def _proportional(box: Box, rules: _Rules, s: _State, x: Any, phi: Any, beta: Any) -> Array:

@@ -38,6 +38,7 @@ class _State(Pytree):
     direction: Array
     length: Array
     iteration: Array
+    inner: Array
     status: Array
 
 
@@ -53,12 +54,14 @@ def minimize_newton(
     """Find x with ||gradient|| <= tol scale, descending the energy less the work of the (momentarily frozen) load.
 
     `tangent(x, aux)` returns products with the Hessian and with an SPD approximation of its inverse. Inner solves stop
-    early far from the solution (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983). Returns x and an
-    info whose iterations count trial points, and whose residual is relative to scale.
+    early far from the solution (Eisenstat & Walker 1996) and at negative curvature (Steihaug 1983); `max_inner` bounds
+    the iterations of all of them together. Returns x and an info whose iterations count trial points, and whose
+    residual is relative to scale.
     """
 
-    def direction_at(x: Array, here: Evaluation) -> Array:
-        return _direction(*tangent(x, here.aux), here, max_inner)
+    def direction_at(x: Array, here: Evaluation, direction: Array, inner: Array) -> tuple[Array, Array]:
+        found, trips = _direction(*tangent(x, here.aux), here, max_inner - inner)
+        return found, inner + trips
 
     def at_rounding(x: Array, here: Evaluation, direction: Array) -> Array:
         # A gradient of rounding ends the way, where the step that it asks for is small beside the way already made.
@@ -81,32 +84,35 @@ def minimize_newton(
         here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
         again = good & (judge(here) == Status.ITERATION_LIMIT)
-        direction = jax.lax.cond(again, direction_at, lambda *_: s.direction, x, here)
+        direction, inner = jax.lax.cond(again, direction_at, lambda x, here, *old: old, x, here, s.direction, s.inner)
         lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here))
         ended = (again | (length < _SHORTEST)) & at_rounding(x, here, direction)
         status = jnp.where(ended, int(Status.CONVERGED), lost).astype(jnp.int32)
-        return _State(x, here, direction, length, s.iteration + 1, status)
+        return _State(x, here, direction, length, s.iteration + 1, inner, status)
 
     # The first trial is the start itself, so that `evaluate` is compiled once.
     blank = jax.tree.map(lambda a: jnp.full(a.shape, jnp.inf, a.dtype), jax.eval_shape(evaluate, start))
     limit = jnp.int32(Status.ITERATION_LIMIT)
-    first = _State(start, blank, jnp.zeros_like(start), jnp.ones((), start.dtype), jnp.int32(0), limit)
-    last = jax.lax.while_loop(
-        lambda s: (s.status == Status.ITERATION_LIMIT) & (s.iteration < max_iterations), trip, first
-    )
+    first = _State(start, blank, jnp.zeros_like(start), jnp.ones((), start.dtype), jnp.int32(0), jnp.int32(0), limit)
+
+    def running(s: _State) -> Array:
+        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.iteration < max_iterations) & (s.inner < max_inner)
+        return more
+
+    last = jax.lax.while_loop(running, trip, first)
     residual = jnp.linalg.norm(last.here.gradient) / last.here.scale
     return last.x, SolveInfo(last.status, last.iteration, residual, jnp.int32(0))
 
 
-def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> Array:
-    """Truncated Newton direction; the preconditioned gradient where curvature is negative at once."""
+def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> tuple[Array, Array]:
+    """Truncated Newton direction, the preconditioned gradient where curvature is negative at once; and its trips."""
     residual = jnp.linalg.norm(here.gradient) / here.scale
     # At rounding level the next gradient will tell nothing new: what can be known of the step is used at once.
     known = jnp.linalg.norm(here.gradient) <= here.noise
     tolerance = jnp.where(known, 1e-3, jnp.clip(jnp.sqrt(residual), 1e-5, 0.1))
-    direction, _ = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
+    direction, info = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
     usable = jnp.isfinite(direction).all() & (jnp.vdot(direction, here.gradient) < 0)
-    return jnp.where(usable, direction, precondition(-here.gradient))
+    return jnp.where(usable, direction, precondition(-here.gradient)), info.iterations
 
 
 def _accepted(s: _State, x: Array, there: Evaluation) -> Array:

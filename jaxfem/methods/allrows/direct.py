@@ -64,8 +64,8 @@ class EliminationSearch:
     def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
         """Impulses, their sides, and velocities that know no rounding of impulses that cancel."""
 
-        def once(start: Impulses, bounds: Bounds) -> Found:
-            found, velocities, info = search_by_elimination(system, plan, start, operator, bounds)
+        def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
+            found, velocities, info = search_by_elimination(system, plan, start, operator, bounds, limit)
             velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
             return Found(found, sides_of(bounds, found), info, velocities)
 

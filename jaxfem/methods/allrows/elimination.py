@@ -51,9 +51,10 @@ class _Round(Pytree):
 
 
 def search_by_elimination(
-    system: System, order: RowOrder, guess: Impulses, operator: RowOperator, bounds: Bounds
+    system: System, order: RowOrder, guess: Impulses, operator: RowOperator, bounds: Bounds, most: Array
 ) -> tuple[Impulses, Array, SolveInfo]:
-    """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A."""
+    """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A, of
+    which there are no more than `most`, but for the last round's check."""
     right, diagonal, inverse = operator.right, operator.diagonal, operator.inverse
     root = jax.tree.map(jnp.sqrt, diagonal)
     scale = trees.norm(jax.tree.map(jnp.divide, right, root))
@@ -69,7 +70,8 @@ def search_by_elimination(
 
     def trip(last: _Round) -> _Round:
         start = placed(bounds, last.sides, last.found.impulses)
-        limit = jnp.minimum(REFINEMENTS, system.max_iterations) if bounded else system.max_iterations
+        left = most - last.products
+        limit = jnp.minimum(REFINEMENTS, left) if bounded else left
         found, size, products = _refined(system, order, at(start), last.sides, diagonal, wanted, limit)
         sides = _judged(found, diagonal, last.sides, slack, bounds)
         pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
@@ -77,10 +79,14 @@ def search_by_elimination(
         changed = changed & bounded
         return _Round(found, sides, size, changed, last.rounds + 1, last.products + products + 1)
 
+    def running(s: _Round) -> Array:
+        more: Array = s.changed & (s.rounds < ROUNDS) & (s.products < most)
+        return more
+
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, right)
     first = _Round(nothing, sides_of(bounds, guess), scale, jnp.bool_(True), zero, zero)
-    end = jax.lax.while_loop(lambda s: s.changed & (s.rounds < ROUNDS), trip, first) if bounded else trip(first)
+    end = jax.lax.while_loop(running, trip, first) if bounded else trip(first)
     impulses = _clipped(end.found.impulses, bounds)
     change = trees.minus(impulses, end.found.impulses)
     velocities = end.found.velocities + apply_inverse_mass(inverse, pushed(system, change))
@@ -97,7 +103,7 @@ def search_by_elimination(
             x0=jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses),
             diagonal=diagonal,
             tol=wanted / jnp.where(scale > 0, scale, 1),
-            max_iterations=jnp.where(info.status == 0, 0, system.max_iterations),
+            max_iterations=jnp.where(info.status == 0, 0, most - end.products),
         )
         return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
 

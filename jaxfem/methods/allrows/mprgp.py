@@ -4,6 +4,7 @@ import dataclasses
 from typing import Any, ClassVar
 
 import jax
+import jax.numpy as jnp
 
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
@@ -20,6 +21,9 @@ from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, merged, step_system
 
 Array = jax.Array
+
+ROUNDING = 1.0
+"""Times the precision and the size of the impulses: residuals of the rows have no digits below."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -69,7 +73,7 @@ class MprgpSearch:
     def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
         """Impulses and their sides."""
 
-        def once(start: Impulses, bounds: Bounds) -> Found:
+        def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
             found, info = mprgp_loop(
                 operator.apply,
                 operator.right,
@@ -77,7 +81,8 @@ class MprgpSearch:
                 x0=start,
                 diagonal=operator.diagonal,
                 tol=system.tolerance,
-                max_iterations=system.max_iterations,
+                max_iterations=limit,
+                rounding=ROUNDING * jnp.finfo(system.target.dtype).eps,
             )
             return Found(found, sides_of(bounds, found), info)
 

@@ -21,10 +21,13 @@ PLAIN_ROUNDS = 8  # after these, bounds go half of the way only: where they circ
 FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
 
 
-def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bounds], Found]) -> Found:
-    """`once(start, bounds)`, repeated until friction's bounds fit; from some round on, halfway to them only."""
+def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bounds, Array], Found]) -> Found:
+    """`once(start, bounds, limit)`, repeated until friction's bounds fit; from some round on, halfway to them only.
+
+    `limit`: the iterations that are left of the step's own limit, which counts those of all rounds.
+    """
     if not system.friction:
-        return once(guess, row_bounds(system.rows, {}))
+        return once(guess, row_bounds(system.rows, {}), system.max_iterations)
     normals = {each.normal for each in system.friction.values()}
 
     def change(found: Impulses, radii: Radii) -> Array:
@@ -33,30 +36,32 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
         size = sum(jnp.sum(found[name] ** 2) for name in sorted(normals))
         return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
 
+    def unsettled(found: Found, moved: Array) -> Array:
+        # A solve that rounding ended early knows its impulses to no more than its residual.
+        known = jnp.maximum(system.tolerance, found.info.residual)
+        return (moved > FRICTION_SLACK * known) & (found.info.status == 0)
+
     def trip(carry: Any) -> Any:
         last, radii, _, rounds, total = carry
         last = last.impulses
         fresh = friction_radii(system.friction, last)
         part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
         radii = jax.tree.map(lambda old, new: old + part * (new - old), radii, fresh)
-        found = once(last, row_bounds(system.rows, radii))
+        found = once(last, row_bounds(system.rows, radii), system.max_iterations - total)
         moved = change(found.impulses, radii)
         return found, radii, moved, rounds + 1, total + found.info.iterations
 
     def running(carry: Any) -> Array:
         found, _, moved, rounds, _ = carry
-        more: Array = (
-            (moved > FRICTION_SLACK * system.tolerance) & (rounds < FRICTION_ROUNDS) & (found.info.status == 0)
-        )
+        more: Array = unsettled(found, moved) & (rounds < FRICTION_ROUNDS)
         return more
 
     # Into the loop as if a round had been made, so that it is compiled once.
     radii, zero = friction_radii(system.friction, guess), jnp.int32(0)
-    shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii)))
+    shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii), system.max_iterations))
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes).replace(impulses=guess)
     start = (blank, radii, jnp.full((), jnp.inf, system.target.dtype), zero, zero)
     found, _, moved, _, total = jax.lax.while_loop(running, trip, start)
-    unsettled = (moved > FRICTION_SLACK * system.tolerance) & (found.info.status == 0)
-    status = jnp.where(unsettled, int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
+    status = jnp.where(unsettled(found, moved), int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
     ended: Found = found.replace(info=found.info.replace(iterations=total, status=status))
     return ended
