@@ -71,3 +71,10 @@ def test_import_sets_nothing_global():
         "assert jnp.zeros(1).dtype == jnp.float32; import sys; assert 'matplotlib' not in sys.modules"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_files_are_short():
+    """A file is read in one sitting: at most 300 lines."""
+    files = [*ROOT.rglob("*.py"), *pathlib.Path(__file__).parent.rglob("*.py")]
+    lengths = {path.name: len(path.read_text().splitlines()) for path in files}
+    assert {name: length for name, length in lengths.items() if length > 300} == {}
