@@ -1,9 +1,9 @@
 """Rigid bodies: poses and velocities, inertia in the world frame, and how they advance in a step.
 
-Turning keeps angular momentum to rounding. A step works with the inertia at the pose predicted for its middle; the
-angular momentum found with it is carried to the end of the step, where the angular velocity is that of the inertia
-there. Without torque |L| is constant, so the spin is bounded at any step size, and the error is of second order: this
-takes the place of an implicit gyroscopic term (Catto 2015), which has the same stability but damps.
+Turning keeps angular momentum to rounding, and without torque energy too, at any spin (see `turning.py`). A step's
+angular velocity is that of its whole turn. What rows change of the free one goes, with the inertia at the pose
+predicted for the middle, into the angular momentum; carried to the end of the step, that gives the angular velocity
+there by the inertia there.
 """
 
 from dataclasses import field
@@ -15,6 +15,7 @@ import jax.numpy as jnp
 from jaxfem.motion import Motion, displaced
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import Directions, ranged, within
+from jaxfem.rigid.turning import mean_spin
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_multiply, quaternion_to_matrix
 from jaxfem.tensors import inverse_blocks
 
@@ -82,6 +83,12 @@ def midway(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
     return turned(state.orientations, 0.5 * dt * state.angular_velocities)
 
 
+def free_spin(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
+    """Angular velocities (b, 3) along which bodies turn in a step without torque."""
+    rotations = quaternion_to_matrix(state.orientations)
+    return mean_spin(bodies.inertia_per_mass, rotations, state.angular_velocities, dt)
+
+
 def angular_momentum(bodies: RigidSet, mass: Array, state: RigidState) -> Array:
     """Spin I w of each body, (b, 3) [kg m^2/s]."""
     inertia = world_inertia(bodies, mass, state.orientations)
@@ -101,7 +108,9 @@ def advanced(
 
     `passed` (b,): share of the step in which bodies go on as they did before, until they are struck; None: no body is.
     """
-    momentum = jnp.einsum("bij,bj->bi", world_inertia(bodies, mass, midway(bodies, state, dt)), angular)
+    middle = world_inertia(bodies, mass, midway(bodies, state, dt))
+    change = jnp.einsum("bij,bj->bi", middle, angular - free_spin(bodies, state, dt))
+    momentum = angular_momentum(bodies, mass, state) + change
     along, turning = linear, angular
     if passed is not None:
         share = (passed * bodies.free)[:, None]

@@ -1,8 +1,9 @@
 """A step of soft and rigid bodies, joints and contacts: one system on all triples.
 
 Rigid bodies add two triples each to the unknown: linear velocities, then angular ones (world frame). The angular blocks
-of the mass are the inertia at the middle of the step plus, where it must be, dt^2 times the geometric stiffness of the
-joints' pull: M' w = (I w)_old + dt torque + J' lam. All joint and contact rows follow the elastic ones.
+of the mass are the inertia I at the middle of the step plus, where it must be, dt^2 times the geometric stiffness of
+the joints' pull: M' w = I w* + J' lam, w* the spin of the free body (`rigid/turning.py`). All joint and contact rows
+follow the elastic ones.
 
 With the second-order scheme (soft bodies only) joints and motors hold at its stage, as elastic rows do. Contacts,
 limits and ropes keep the end-of-step velocity from closing the gap at the start, as in backward Euler: held at the
@@ -19,7 +20,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.model import Model, Params, State, nodal_mass
-from jaxfem.rigid.dynamics import advanced, angular_momentum, midway, prescribed_velocities, world_inertia
+from jaxfem.rigid.dynamics import advanced, free_spin, midway, prescribed_velocities, world_inertia
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.bounds import Friction
@@ -200,9 +201,11 @@ def _with_rigid(
     soft: System, model: Any, params: Any, state: Any, dt: Array, at: Configuration, pull: Mapping[str, Array]
 ) -> System:
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
-    inertia = world_inertia(bodies, mass, midway(bodies, rigid, dt))
-    inertia = inertia + dt**2 * _needed_stiffness(model, pull, inertia, dt, at)
-    spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), angular_momentum(bodies, mass, rigid))
+    middle, spin = world_inertia(bodies, mass, midway(bodies, rigid, dt)), free_spin(bodies, rigid, dt)
+    inertia = middle
+    if any(isinstance(group, Pulling) for group in model.joints.values()):
+        inertia = middle + dt**2 * _needed_stiffness(model, pull, middle, dt, at)
+        spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
     targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, spin, angular)
