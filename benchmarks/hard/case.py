@@ -16,9 +16,9 @@ import numpy as np
 
 import jaxfem as jf
 from hard.running import Run
+from hard.wanted import Wanted, brief, ended
 
 REFUSALS = (jf.SceneError, jf.StepError, jf.MaterialError, jf.mesh.MeshError)
-SILENT = "SILENT"
 
 
 class NotServed(Exception):
@@ -40,23 +40,6 @@ class Setting:
     def rounding(self, double: float, single: float) -> float:
         """A limit that rounding decides: in double, in single precision."""
         return single if self.single else double
-
-
-@dataclasses.dataclass(frozen=True)
-class Wanted:
-    """Something that is at most `limit` where all is right; NaN is not."""
-
-    what: str
-    measured: float
-    limit: float
-
-    @property
-    def holds(self) -> bool:
-        """Whether it is so."""
-        return bool(self.measured <= self.limit)
-
-    def __str__(self) -> str:
-        return f"{self.what} {self.measured:.3g} {'<=' if self.holds else 'above'} {self.limit:g}"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -112,11 +95,11 @@ def judged(each: Case, at: Setting) -> dict[str, Any]:
             told = each.function(at)
             outcome = _outcome(told, [str(one.message) for one in caught if _ours(one)])
         except NotServed as refusal:
-            outcome = f"not served: {_brief(refusal)}"
+            outcome = f"not served: {brief(refusal)}"
         except REFUSALS as refusal:
-            outcome = f"flagged: refused: {_brief(refusal)}"
+            outcome = f"flagged: refused: {brief(refusal)}"
         except Exception as crash:  # a crash is loud, but nothing that names its cause
-            outcome = f"crashed: {type(crash).__name__}: {_brief(crash)}"
+            outcome = f"crashed: {type(crash).__name__}: {brief(crash)}"
             traceback.print_exc()
     line = {"case": each.name, "group": each.group, "route": at.route, "dtype": at.dtype, "outcome": outcome}
     line |= _figures(told) if told else {}
@@ -128,17 +111,8 @@ def _ours(one: warnings.WarningMessage) -> bool:
 
 
 def _outcome(told: Told, warned: list[str]) -> str:
-    failed = [str(one) for one in told.wanted if not one.holds]
-    if not failed:
-        return "right"
     flags = [*told.flags, *(flag for run in told.runs for flag in run.flags()), *(f"warned: {each}" for each in warned)]
-    words = "; ".join(dict.fromkeys(flags))
-    return f"flagged: {_brief(words)}" if words else f"{SILENT}: {'; '.join(failed)}"
-
-
-def _brief(words: Any, most: int = 220) -> str:
-    text = " ".join(str(words).split())
-    return text if len(text) <= most else text[: most - 3] + "..."
+    return ended(told.wanted, flags)
 
 
 def _figures(told: Told) -> dict[str, Any]:

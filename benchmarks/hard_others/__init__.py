@@ -1,0 +1,1 @@
+"""Hard cases by other engines; none of these files imports jaxfem."""
