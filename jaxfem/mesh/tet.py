@@ -123,8 +123,9 @@ class TetMesh:
         raise MeshError(self._unknown("face", name, [*self.face_groups, "surface"]))
 
     def nodes(self, name: str) -> Ints:
-        """Sorted node numbers (k,) of a node group, or else the nodes of the face or cell group of that name; "all" are all
-        nodes unless a group is so named.
+        """Sorted node numbers (k,) of a node group, or else the nodes of the face or cell group of that name.
+
+        "all" are all nodes, and "surface" those of the surface, unless a group is so named.
 
         MeshError for a name that does not exist.
         """
