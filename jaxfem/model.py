@@ -55,6 +55,14 @@ class Params(Pytree):
         return super().replace(**changes)
 
 
+class Carry(Pytree):
+    """What rounding dropped of places of `nodes` (n, 3) and rigid bodies' `centers` (b, 3) [m], and of `time` [s]."""
+
+    nodes: Array
+    centers: Array | None
+    time: Array
+
+
 class State(Pytree):
     """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
 
@@ -64,7 +72,7 @@ class State(Pytree):
     the next, its own affair; `jf.impulses` reads the impulses in it. It starts the solver, and affects a solution only
     through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
     (see `system/coupled.py`). `internal`: what materials with a memory remember, one entry for each kind of domains;
-    None without such materials.
+    None without such materials. `carry`: digits that single precision drops in short steps; None in double.
     """
 
     positions: Array = dataclasses.field(metadata=within())
@@ -74,6 +82,7 @@ class State(Pytree):
     accelerations: Array | None = dataclasses.field(default=None, metadata=within())
     rigid: RigidState | None = None
     internal: Any = dataclasses.field(default=None, metadata=within())
+    carry: Carry | None = dataclasses.field(default=None, metadata=ranged(None))
 
 
 class Method(Protocol):
@@ -105,6 +114,20 @@ class Choice(NamedTuple):
     reason: str
 
 
+class Drifting(Pytree):
+    """Bodies that nothing holds, soft ones first, b in all. `body` (p,): that of each node, then each rigid body's own.
+
+    `together` (b,): the least number among the bodies that joints or contacts may tie to each. `loose` (2 b,): 1 for
+    bodies without fixed or driven nodes, then for groups, by that number, of nothing but such. `soft` (2 b,): 1 for
+    soft bodies, then for groups of them alone.
+    """
+
+    body: Array
+    together: Array
+    loose: Array
+    soft: Array
+
+
 class Model(Pytree):
     """Topology and configuration of a built scene; arrays are leaves, only flags are static.
 
@@ -116,7 +139,8 @@ class Model(Pytree):
     reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `node_group` (n,): a
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
-    which joints tie, b where they are tied to soft bodies; None where nothing can strike.
+    which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
+    holds, None where there is no such soft body.
     """
 
     rest: Array
@@ -144,6 +168,7 @@ class Model(Pytree):
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
     node_group: Array | None = None
     islands: Array | None = None
+    drifting: Drifting | None = None
     laws: tuple[Material, ...] = static(default=())
 
     @property
@@ -177,7 +202,8 @@ class StepInfo(Pytree):
 
     `scheme_damping`: damping ratio that the time scheme itself gives to the frequencies that `prepare` was given, in
     their shape; None without them. `substeps`: in how many parts the step was taken, where `rollout` takes failed ones
-    again in halves; else None.
+    again in halves; else None. `spin_loss`: the largest share of its angular momentum that a soft body which
+    nothing holds lost, loads apart, to the time scheme or to what it touches; None where there is no such body.
     """
 
     status: Array
@@ -187,6 +213,7 @@ class StepInfo(Pytree):
     inverted: Array
     scheme_damping: Array | None = None
     substeps: Array | None = None
+    spin_loss: Array | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_method
 from jaxfem.building.coupled import with_coupling
+from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
 from jaxfem.declared.errors import checked_choice, refuse_traced
@@ -22,6 +23,7 @@ from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
 from jaxfem.pytrees import on_device
 from jaxfem.schemes import Scheme, scheme_of
+from jaxfem.system.carry import first_carry
 from jaxfem.system.memory import first_memory
 
 # Groups of the preconditioner's coarse space: six rigid modes each. Smaller groups save iterations, but the coarse
@@ -81,6 +83,7 @@ def build(
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
     state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
+    model = model.replace(drifting=drifting_bodies(scene, every, model))
     facts = Facts(
         soft=bool(bodies),
         rigid=bool(scene.rigid),
@@ -89,6 +92,7 @@ def build(
         strains=tuple(dict.fromkeys(body.strain for body in bodies)),
         scheme=made,
     )
+    state = state.replace(carry=first_carry(state))
     model, state = with_method(Built(facts, model, params, state), asked, rotation_update)
     return model, params, state
 

@@ -11,8 +11,10 @@ from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.meetings import Meeting, Touching, meeting_of
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
+from jaxfem.rows.attachments import RigidPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
 from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
+from jaxfem.rows.corners import CornerContacts
 
 
 def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -65,6 +67,24 @@ def points_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
         yield _against(meeting, meeting.points, meeting.b.shape, meeting.b.number)
 
 
+def corners_on_surface(meeting: Meeting) -> Iterator[CornerContacts]:
+    """Sharp points of a rigid b against the surface of a soft a, where a's points are not chosen."""
+    a, b = meeting.a, meeting.b
+    if a.kind != "soft" or b is None or b.shape is None or meeting.chosen:
+        return
+    points, radius = meeting.points_of(b)
+    sharp = radius == 0
+    if not sharp.any():
+        return
+    local, body = points.local[sharp], points.body[sharp]
+    lengths = np.linalg.norm(local, axis=1, keepdims=True)
+    triangles = np.broadcast_to(meeting.surface(a), (len(local), *meeting.surface(a).shape))
+    outward = local / np.where(lengths > 0, lengths, 1)
+    yield CornerContacts(
+        RigidPoint(body, local), outward, triangles, np.full(len(local), meeting.margin), meeting.rough
+    )
+
+
 def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
     """Edges of blocks against each other, which points do not see."""
     a, b = meeting.a, meeting.b
@@ -92,6 +112,7 @@ MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
     points_on_ground,
     nodes_on_surfaces,
     points_on_shape,
+    corners_on_surface,
     edges_on_edges,
     points_back_on_shape,
 )

@@ -125,6 +125,8 @@ class TetMesh:
     def nodes(self, name: str) -> Ints:
         """Sorted node numbers (k,) of a node group, or else the nodes of the face or cell group of that name.
 
+        "all" are all nodes, and "surface" those of the surface, unless a group is so named.
+
         MeshError for a name that does not exist.
         """
         if name in self.node_groups:
@@ -133,8 +135,10 @@ class TetMesh:
             return np.unique(self.faces(name))
         if name in self.cell_groups:
             return np.unique(self.cells[self.cell_groups[name]])
+        if name == "all":
+            return np.arange(len(self.points))
         raise MeshError(
-            self._unknown("node", name, [*self.node_groups, *self.face_groups, *self.cell_groups, "surface"])
+            self._unknown("node", name, [*self.node_groups, *self.face_groups, *self.cell_groups, "surface", "all"])
         )
 
     def _unknown(self, kind: str, name: str, known: list[str]) -> str:

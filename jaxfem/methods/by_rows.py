@@ -12,6 +12,7 @@ from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.rows.base import Rows
 from jaxfem.system.coupled import coupled_system, velocities_of
+from jaxfem.system.momentum import kept
 from jaxfem.system.soft import System, step_system
 
 Array = jax.Array
@@ -35,7 +36,8 @@ class RowMethod(Method):
         """Make the system, solve it, and move everything with the velocities found."""
         system = system_of(model, params, state, dt, forces)
         solved = self.solve(system, model.plan, cache, velocities_of(state), state.memory)
-        return ended(model, params, state, dt, solved, system.impact, system.passed)
+        solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
+        return ended(model, params, state, dt, solved, system.impact, system.passed, forces)
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""

@@ -7,8 +7,10 @@ from jaxfem.elements.tetra import deformation_gradient
 from jaxfem.methods.base import Solved
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.schemes import BackwardEuler, scheme_damping
+from jaxfem.system.carry import carried, increments_only
 from jaxfem.system.coupled import advance_rigid
 from jaxfem.system.memory import committed
+from jaxfem.system.momentum import spin_loss
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -22,22 +24,27 @@ def ended(
     solved: Solved,
     impact: Array | None = None,
     passed: Array | None = None,
+    forces: Array | None = None,
 ) -> tuple[State, StepInfo]:
     """The next state and the step's info. `impact` (n,): nodes whose step is one of backward Euler; None: no such.
 
-    `passed` (b,): see `System`.
+    `passed` (b,): see `System`. `forces` (n, 3) [N]: those that `step` was given.
     """
     velocities = solved.velocities[: model.nodes]
-    positions, accelerations = _moved(model, state, velocities, dt, impact)
+    start = state if state.carry is None else increments_only(state)
+    positions, accelerations = _moved(model, start, velocities, dt, impact)
     following = state.replace(
         positions=positions,
         velocities=velocities,
         time=state.time + dt,
         memory=solved.impulses,
         accelerations=accelerations,
-        rigid=advance_rigid(model, params, state, solved.velocities, dt, passed),
-        internal=committed(model, params, state, positions, dt),
+        rigid=advance_rigid(model, params, start, solved.velocities, dt, passed),
     )
+    if state.carry is not None:
+        following = carried(state, following, dt)
+    positions = following.positions
+    following = following.replace(internal=committed(model, params, state, positions, dt))
     info = solved.info
     return following, StepInfo(
         info.status,
@@ -46,6 +53,7 @@ def ended(
         info.weakly_active,
         inverted_elements(model, positions),
         _scheme_damping(model, dt, impact),
+        spin_loss=None if model.drifting is None else spin_loss(model, params, state, following, dt, forces),
     )
 
 

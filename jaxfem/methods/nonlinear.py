@@ -22,6 +22,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.momentum import kept
 from jaxfem.system.soft import (
     System,
     elastic_rounding,
@@ -93,7 +94,9 @@ class ImplicitRotations(Method):
         unknown, (info, impulses) = implicit_solution(_EndOfStep(self.inner), inputs, guess)
         free = model.free[:, None] > 0
         velocities = jnp.where(free, unknown, prescribed_velocity(model, params, state, dt))
-        return ended(model, params, state, dt, Solved(velocities, impulses, info))
+        made = _system(inputs, unknown).replace(positions=jax.lax.stop_gradient(state.positions))
+        velocities = kept(model, made, velocities, None)
+        return ended(model, params, state, dt, Solved(velocities, impulses, info), forces=forces)
 
 
 class _Inputs(Pytree):

@@ -6,14 +6,20 @@ import jax.numpy as jnp
 Array = jax.Array
 
 
-def nearest_triangle(points: Array, nodes: Array, triangles: Array) -> tuple[Array, Array, Array]:
+def nearest_triangle(
+    points: Array, nodes: Array, triangles: Array, outward: Array | None = None
+) -> tuple[Array, Array, Array]:
     """For points (m, 3): the nearest (m, 3) of their `triangles` (m, t, 3) over `nodes` (n, 3), barycentric weights
     (m, 3) of the nearest point on it, and its unit normal (m, 3).
 
+    Of triangles about equally near, one that looks against `outward` (m, 3) is taken, where that is given.
     The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
     """
     fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
-    nearest = jnp.argmin(_square_distances(fixed_points, fixed_nodes[triangles]), axis=1)
+    squares = _square_distances(fixed_points, fixed_nodes[triangles])
+    if outward is not None:
+        squares = squares + _turned_away(fixed_nodes[triangles], jax.lax.stop_gradient(outward))
+    nearest = jnp.argmin(squares, axis=1)
     chosen = jnp.take_along_axis(triangles, nearest[:, None, None], axis=1)[:, 0]
     a, b, c = (nodes[chosen[:, i]] for i in range(3))
     normal = jnp.cross(b - a, c - a)
@@ -33,11 +39,24 @@ def gap_from(points: Array, feet: Array, normal: Array, corners: Array) -> tuple
     """
     way = points - feet
     height, square = jnp.sum(way * normal, -1), jnp.sum(way**2, -1)
-    area = jnp.linalg.norm(jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
-    beyond = square - height**2 > ASIDE**2 * area
+    beyond, _ = aside(way, normal, corners)
     length = jnp.sqrt(jnp.where(beyond, square, 1))
     length = jnp.where(height < -0.5 * length, -length, length)  # beneath a concave edge
     return jnp.where(beyond, length, height), jnp.where(beyond[:, None], way / length[:, None], normal)
+
+
+def aside(way: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
+    """Whether points a `way` (m, 3) from the feet on their triangles are no longer over them, and twice the triangles'
+    areas, (m,) each."""
+    area = jnp.linalg.norm(jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
+    return jnp.sum(way**2, -1) - jnp.sum(way * normal, -1) ** 2 > ASIDE**2 * area, area
+
+
+def _turned_away(corners: Array, outward: Array) -> Array:
+    """What makes triangles (m, t, 3, 3) that do not look against `outward` (m, 3) seem further off, (m, t)."""
+    across = jnp.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    double = jnp.linalg.norm(across, axis=-1)
+    return jnp.where(jnp.einsum("mti,mi->mt", across, outward) < 0, 0, ASIDE**2 * double)
 
 
 def _square_distances(points: Array, corners: Array) -> Array:

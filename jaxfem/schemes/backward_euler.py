@@ -16,6 +16,7 @@ class BackwardEuler(Scheme):
     order: ClassVar[int] = 1
     rigid: ClassVar[bool] = True
     restarts: ClassVar[bool] = False
+    straight: ClassVar[bool] = True
 
     def stage(self, state: Moving, prescribed: Array, free: Array, dt: Array) -> Stage:
         """The end of the step."""

@@ -76,13 +76,15 @@ class Scheme(Pytree):
 
     `name`: its word in `build` and scene files. `order`: of its error in dt. `rigid`: whether it serves scenes with
     rigid bodies. `restarts`: whether a step in which something strikes has to be one of backward Euler for the bodies
-    struck, whose accelerations then start anew.
+    struck, whose accelerations then start anew. `straight`: whether positions move along the new velocities; then free
+    bodies keep their angular momentum (see `system/momentum.py`).
     """
 
     name: ClassVar[str]
     order: ClassVar[int]
     rigid: ClassVar[bool] = False
     restarts: ClassVar[bool] = True
+    straight: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

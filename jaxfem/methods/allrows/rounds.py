@@ -21,10 +21,13 @@ PLAIN_ROUNDS = 8  # after these, bounds go half of the way only: where they circ
 FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than this times the tolerance
 
 
-def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bounds, Array], Found]) -> Found:
+def with_friction(
+    system: System, guess: Impulses, once: Callable[[Impulses, Bounds, Array], Found], rounded: bool = False
+) -> Found:
     """`once(start, bounds, limit)`, repeated until friction's bounds fit; from some round on, halfway to them only.
 
-    `limit`: the iterations that are left of the step's own limit, which counts those of all rounds.
+    `limit`: the iterations that are left of the step's own limit, which counts those of all rounds. `rounded`: whether
+    rounding may end a solve before the tolerance is met; impulses are then known to no more than its residual.
     """
     if not system.friction:
         return once(guess, row_bounds(system.rows, {}), system.max_iterations)
@@ -37,8 +40,7 @@ def with_friction(system: System, guess: Impulses, once: Callable[[Impulses, Bou
         return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
 
     def unsettled(found: Found, moved: Array) -> Array:
-        # A solve that rounding ended early knows its impulses to no more than its residual.
-        known = jnp.maximum(system.tolerance, found.info.residual)
+        known = jnp.maximum(system.tolerance, found.info.residual) if rounded else system.tolerance
         return (moved > FRICTION_SLACK * known) & (found.info.status == 0)
 
     def trip(carry: Any) -> Any:

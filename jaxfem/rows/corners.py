@@ -1,0 +1,51 @@
+"""Corners of rigid bodies against the faces of soft ones, which nodes of the soft body alone do not see.
+
+A soft body under a rigid one bulges: nodes at its rim slip out from under the rigid body's own rim, and what is left to
+carry it may be a single node in the middle. The rigid body's corners then stand on the soft face.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxfem.pytrees import static
+from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, difference
+from jaxfem.rows.contact import Candidates, Pairs
+from jaxfem.rows.triangles import aside, nearest_triangle
+
+DEEPEST = 0.5
+"""Share of a triangle's size down to which a corner beneath it has come through it: deeper, it is on another side."""
+
+
+class CornerContacts(Candidates):
+    """Sharp points of rigid bodies against the surface of a soft body: each against the nearest triangle that faces it.
+
+    `points` (m); `outward` (m, 3): a direction in each body's frame in which the body ends at the point: a triangle
+    that looks the same way is of the soft body's other side; `triangles` (m, t, 3): nodes of those that each may meet.
+    """
+
+    points: RigidPoint
+    outward: Any
+    triangles: Any
+    margin: Any
+    rough: bool = static()
+
+    @property
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        return f"rigid corner-soft {self.triangles.shape[1]}"
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """The other side is a point of the triangle; beyond its edge the gap is the way from there."""
+        placed = self.points.placed(at)
+        outward = jnp.einsum("mij,mj->mi", at.rotations[self.points.body], self.outward)
+        chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles, outward)
+        other = SoftPoint(chosen, weights).placed(at)
+        way, corners = placed.position - other.position, at.nodes[chosen]
+        beyond, area = aside(way, normal, corners)
+        height = jnp.sum(way * normal, -1)
+        away = beyond | (jnp.sum(outward * normal, -1) >= 0) | (height < -DEEPEST * jnp.sqrt(area))
+        apart = (away & jnp.any(way != 0, -1))[:, None]
+        length = jnp.linalg.norm(jnp.where(apart, way, 1), axis=-1)
+        normal = jnp.where(apart, way / length[:, None], normal)
+        return Pairs(jnp.where(away, length, height), normal, difference(other, placed))

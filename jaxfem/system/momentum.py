@@ -1,0 +1,147 @@
+"""What free bodies keep: linear momentum whatever the tolerance of a solve, and angular momentum whatever their strain.
+
+A solve ends with a residual r, and M (v - v*) = J' lam + r. Elastic rows neither push nor turn a body as a whole, so
+    sum M (v - v*) = sum J' lam,   sum x0 x M (v - v*) = sum x0 x J' lam,   J and lam of the other rows alone,
+and what r, or elastic rows linearised at a deformed shape, leave of that is taken out as a rigid velocity of the body.
+Where positions move along the new velocities, x1 = x0 + dt v, this is the angular momentum of the end too:
+sum x1 x M v = sum x0 x M v.
+
+Bodies that push each other move as one in this, so that what holds between them holds still. Bodies that are pushed
+from outside, and such with rigid bodies among them, are not turned.
+"""
+
+from typing import NamedTuple
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
+from jaxfem.rows.bounds import Impulses
+from jaxfem.system.soft import System, external_force
+
+Array = jax.Array
+
+PUSHED = {True: 1e-9, False: 1e-4}
+"""Net impulse, as a share of the sum of impulses, from which bodies are pushed from outside; double and single."""
+
+
+class _Groups(NamedTuple):
+    """Which bodies move as one: `of` (p,) for each point, their `number`, and for each group whether nothing
+    `holds` it and whether nothing outside `pushes` or holds it (g,)."""
+
+    of: Array
+    number: int
+    loose: Array
+    alone: Array
+
+    def sums(self, values: Array) -> Array:
+        """Sums (g, k) of values (p, k) of the points."""
+        points = values.shape[0]
+        return jnp.zeros((self.number, values.shape[1]), values.dtype).at[self.of[:points]].add(values)
+
+
+def kept(model: Model, system: System, velocities: Array, impulses: Impulses | None) -> Array:
+    """Velocities (n, 3) found in a step, with the momentum that free bodies keep; `impulses` of the extra rows."""
+    drifting = model.drifting
+    if drifting is None:
+        return velocities
+    points, nodes = drifting.body.shape[0], model.nodes
+    push, size = _pushes(system, impulses, points)
+    groups = _groups(drifting, push, size, bool(system.extra))
+    mass = system.mass[:points, None]
+    defect = mass * (velocities - system.target)[:points] - push
+    if system.shared_mass is not None and system.before is not None:
+        defect = defect + system.shared_mass.apply(velocities - system.before)
+    shift = -_divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
+    change = shift[groups.of]
+    if model.scheme.straight:
+        arm = _arms(groups, mass[:nodes], system.positions)
+        torque = groups.sums(jnp.cross(arm, defect[:nodes]))
+        spin = -_spins(_inertia(groups, system, mass[:nodes], arm), torque) * groups.alone[:, None]
+        change = change.at[:nodes].add(jnp.cross(spin[groups.of[:nodes]], arm))
+    moving = (system.free[:points] > 0)[:, None]
+    return velocities.at[:points].add(jnp.where(moving, change, 0))
+
+
+def spin_loss(model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None) -> Array:
+    """The largest share of its angular momentum about its centre that a body lost in a step, torques of loads apart.
+
+    Of bodies that nothing holds; relative to sum m |x| |v| about the centre. Where joints or contacts pushed it, what
+    they did is in it.
+    """
+    assert model.drifting is not None
+    params, before, after, dt, forces = jax.lax.stop_gradient((params, before, after, dt, forces))
+    nodes = model.nodes
+    bodies = model.drifting.body[:nodes]
+    count = len(model.bodies)
+    loose = model.drifting.loose[:count]
+    groups = _Groups(bodies, count, loose, loose)
+    mass, shared = nodal_mass(model, params.density)[:, None], shared_mass(model, params.density)
+    ends = []
+    for state in (before, after):
+        arm = _arms(groups, mass, state.positions)
+        mean = _divided(groups.sums(mass * state.velocities), groups.sums(mass))
+        own = state.velocities - mean[bodies]
+        momentum = mass * own if shared is None else mass * own + shared.apply(own)
+        size = groups.sums(jnp.linalg.norm(arm, axis=1, keepdims=True) * jnp.linalg.norm(momentum, axis=1)[:, None])
+        ends.append((groups.sums(jnp.cross(arm, momentum)), size[:, 0], arm))
+    load = external_force(model, params, before.positions, forces)
+    change = ends[1][0] - ends[0][0] - dt * groups.sums(jnp.cross(ends[0][2], load))
+    scale = jnp.maximum(ends[0][1], ends[1][1])
+    share = jnp.linalg.norm(change, axis=1) / jnp.where(scale > 0, scale, 1)
+    return jnp.max(share * loose)
+
+
+def _pushes(system: System, impulses: Impulses | None, points: int) -> tuple[Array, Array]:
+    """J' lam of the extra rows on each point (p, 3), and the sum of the sizes of its parts (p,)."""
+    total = jnp.zeros((system.target.shape[0], 4), system.target.dtype)
+    for name, rows in system.extra.items():
+        assert impulses is not None
+        parts = jnp.einsum("mrk,mr->mk", rows.jacobian, impulses[name]).reshape(*rows.triples.shape, 3)
+        size = jnp.linalg.norm(jax.lax.stop_gradient(parts), axis=-1, keepdims=True)
+        total = total.at[rows.triples].add(jnp.concatenate([parts, size], -1))
+    return total[:points, :3], total[:points, 3]
+
+
+def _groups(drifting: Drifting, push: Array, size: Array, tied: bool) -> _Groups:
+    """Each body that no row pushes is a group, and so are those together that rows may tie."""
+    body, count = drifting.body, drifting.loose.shape[0] // 2
+    if not tied:
+        return _Groups(body, count, drifting.loose[:count], drifting.loose[:count] * drifting.soft[:count])
+    bodies = _Groups(body, count, drifting.loose[:count], drifting.loose[:count])
+    touched = bodies.sums(size[:, None])[:, 0] > 0
+    number = jnp.arange(count, dtype=body.dtype)
+    groups = _Groups(jnp.where(touched, count + drifting.together, number)[body], 2 * count, drifting.loose, size)
+    net = jnp.linalg.norm(groups.sums(jax.lax.stop_gradient(push)), axis=1)
+    inner = net <= PUSHED[net.dtype.itemsize > 4] * groups.sums(size[:, None])[:, 0]
+    return groups._replace(alone=drifting.loose * drifting.soft * inner)
+
+
+def _arms(groups: _Groups, mass: Array, places: Array) -> Array:
+    """From the groups' centres of mass to their nodes, (n, 3)."""
+    centre = _divided(groups.sums(mass * places), groups.sums(mass))
+    return places - centre[groups.of[: places.shape[0]]]
+
+
+def _inertia(groups: _Groups, system: System, mass: Array, arm: Array) -> Array:
+    """Inertia of each group about its centre of mass, (g, 3, 3)."""
+    axes = jnp.eye(3, dtype=arm.dtype)
+    turns = [jnp.cross(axis, arm) for axis in axes]  # velocities of turning about each axis
+    momenta = [mass * turn for turn in turns]
+    if system.shared_mass is not None:
+        momenta = [own + system.shared_mass.apply(turn) for own, turn in zip(momenta, turns, strict=True)]
+    products = jnp.stack([jnp.sum(a * b, -1) for a in turns for b in momenta], -1)
+    return groups.sums(products).reshape(-1, 3, 3)
+
+
+def _spins(inertia: Array, torque: Array) -> Array:
+    """inertia^-1 torque (g, 3), with next to nothing about axes that a body has no extent around."""
+    size = jnp.trace(inertia, axis1=1, axis2=2)[:, None, None]
+    axes = jnp.eye(3, dtype=inertia.dtype)
+    shifted = inertia + jnp.where(size > 0, 100 * jnp.finfo(size.dtype).eps * size, 1) * axes
+    found: Array = jnp.linalg.solve(shifted, torque[:, :, None])[:, :, 0]
+    return found
+
+
+def _divided(values: Array, mass: Array) -> Array:
+    return values / jnp.where(mass > 0, mass, 1)
