@@ -3,7 +3,7 @@
 import csv
 import dataclasses
 import pathlib
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -19,12 +19,18 @@ FEW = 3  # still rows; with fewer, the recording is taken to start at the releas
 class Recording:
     """Places of markers over time: `times` (T,) [s], `positions` (T, M, 3) [m], NaN where a sample is missing, `names`.
 
-    Any rigid frame. FitError where it is empty, the times do not increase, or shapes do not match.
+    Any rigid frame. Of pixels of one camera (`unit` "px") positions are (u, v, 0) and `camera` (3, 4) takes places
+    (x, y, z, 1) [m] to (u w, v w, w). `source`, `unit`, `notes`: format and unit of the file it comes from, what was
+    left out or repaired. FitError where it is empty, the times do not increase, or shapes do not match.
     """
 
     times: Any
     positions: Any
     names: Sequence[str]
+    notes: tuple[str, ...] = ()
+    source: str = ""
+    unit: str = "m"
+    camera: Any = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "times", np.asarray(self.times, dtype=np.float64))
@@ -44,6 +50,21 @@ class Recording:
         if np.isinf(self.positions).any():
             raise FitError("positions hold an infinite value; mark missing samples with NaN (a blank cell in a file)")
         self._check_times()
+        if self.camera is not None:
+            self._check_camera()
+
+    def _check_camera(self) -> None:
+        camera = np.asarray(self.camera, dtype=np.float64)
+        if self.unit != "px":
+            raise FitError(
+                f"a camera is given, and the recording holds places in {self.unit}, not pixels: leave it out"
+            )
+        if camera.shape != (3, 4) or not np.isfinite(camera).all() or np.linalg.matrix_rank(camera) < 3:
+            raise FitError(
+                f"the camera is {camera.tolist()}; give its matrix (3, 4), intrinsic [R | t], that takes (x, y, z, 1) "
+                "in m to (u w, v w, w) in pixels"
+            )
+        object.__setattr__(self, "camera", camera)
 
     def _check_times(self) -> None:
         bad = np.flatnonzero(~np.isfinite(self.times))
@@ -71,34 +92,28 @@ class Recording:
         missing = [name for name in names if name not in self.names]
         if missing:
             raise FitError(f'the recording has no marker "{missing[0]}"; its markers: {", ".join(self.names)}')
-        return Recording(self.times, self.positions[:, [self.names.index(name) for name in names]], names)
+        columns = [self.names.index(name) for name in names]
+        return dataclasses.replace(self, positions=self.positions[:, columns], names=tuple(names))
 
 
-def read_recording(path: Any) -> Recording:
-    """Read a CSV file: columns time_s, then NAME_x_m, NAME_y_m, NAME_z_m of each marker; blank cells are missing.
+def read_recording(path: Any, *, unit: str | None = None, rate: float | None = None, camera: Any = None) -> Recording:
+    """Read markers as motion-capture software writes them; the format is found by the content.
 
-    Columns may come in any order; others are refused. FitError with file, row and column for what cannot be read.
+    Motive, Nexus, Qualisys, TRC, C3D (needs ezc3d), Anipose, DeepLabCut, and plain tables with the columns time_s,
+    NAME_x_m, NAME_y_m, NAME_z_m (any separator, decimal comma, encoding; units by suffix; blank cells are missing).
+    What a file leaves open: `unit` of its lengths ("mm"), `rate` [1/s] of its frames, `camera` (3, 4) of its pixels.
+    FitError with file, format and place for what cannot be read.
     """
-    path = pathlib.Path(path)
-    try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            lines = [(number, row) for number, row in enumerate(csv.reader(file), 1) if any(c.strip() for c in row)]
-    except OSError as error:
-        raise FitError(f"cannot read the recording {path}: {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise FitError(f"{path} is not text: give a CSV file") from error
-    if not lines:
-        raise FitError(f"{path} is empty: its first row must name the columns time_s, NAME_x_m, NAME_y_m, NAME_z_m")
-    header = [cell.strip() for cell in lines[0][1]]
-    names = _marker_names(path, header)
-    if len(lines) < 3:
-        raise FitError(f"{path} holds {len(lines) - 1} rows of samples; a motion needs at least two")
-    table = np.array([list(_numbers(path, number, row, header)) for number, row in lines[1:]])
-    columns = [[header.index(f"{name}_{axis}_m") for axis in AXES] for name in names]
-    try:
-        return Recording(table[:, header.index("time_s")], table[:, columns], names)
-    except FitError as error:
-        raise FitError(f"{path}: {error}") from error
+    from jaxfem.fitting.formats import FORMATS, Request
+    from jaxfem.fitting.formats.content import load
+
+    content = load(pathlib.Path(path))
+    formats = sorted((each for each in FORMATS.classes()), key=lambda each: each.fallback)
+    for each in formats:
+        if each.claims(content):
+            return each.read(content, Request(unit, rate, camera))
+    known = ", ".join(each.title for each in formats)
+    raise FitError(f"{path} is not text and none of the known formats ({known}): export it as one of them")
 
 
 def write_recording(path: Any, recording: Recording, digits: int = 9) -> None:
@@ -144,40 +159,3 @@ def _excursion(recording: Recording) -> np.ndarray:
     square = ((recording.positions - first) ** 2).sum(axis=-1)
     count = np.maximum(recording.seen.sum(axis=1), 1)
     return np.asarray(np.sqrt(np.nansum(np.where(recording.seen, square, np.nan), axis=1) / count))
-
-
-def _marker_names(path: pathlib.Path, header: list[str]) -> list[str]:
-    if "time_s" not in header:
-        raise FitError(f'{path} has no column "time_s" (seconds); its columns: {", ".join(header)}')
-    names: list[str] = []
-    for column in header:
-        if column == "time_s":
-            continue
-        name, axis, unit = (["", *column.rsplit("_", 2)])[-3:]
-        if axis not in AXES or unit != "m" or not name:
-            raise FitError(f'{path}: column "{column}" is not one of time_s, NAME_x_m, NAME_y_m, NAME_z_m (in metres)')
-        if name not in names:
-            names.append(name)
-    for name in names:
-        missing = [f"{name}_{axis}_m" for axis in AXES if f"{name}_{axis}_m" not in header]
-        if missing:
-            raise FitError(f'{path}: marker "{name}" lacks the column {", ".join(missing)}')
-    repeated = [column for column in header if header.count(column) > 1]
-    if repeated:
-        raise FitError(f'{path}: column "{repeated[0]}" is there twice')
-    if not names:
-        raise FitError(f"{path} holds no marker: give at least one, as columns NAME_x_m, NAME_y_m, NAME_z_m")
-    return names
-
-
-def _numbers(path: pathlib.Path, number: int, row: list[str], header: list[str]) -> Iterator[float]:
-    if len(row) != len(header):
-        raise FitError(f"{path}, line {number}: {len(row)} cells where the first row names {len(header)} columns")
-    for column, cell in zip(header, row, strict=True):
-        text = cell.strip()
-        try:
-            yield float(text) if text else float("nan")
-        except ValueError:
-            raise FitError(
-                f'{path}, line {number}, column "{column}": {text!r} is not a number; leave missing samples blank'
-            ) from None

@@ -39,11 +39,11 @@ def test_round_trip_with_missing_samples(tmp_path):
         ("time_s\n0\n1\n", "holds no marker"),
         ("tip_x_m,tip_y_m,tip_z_m\n0,0,0\n", 'no column "time_s"'),
         ("time_s,tip_x_m,tip_z_m\n0,0,0\n1,0,0\n", '"tip" lacks the column tip_y_m'),
-        ("time_s,tip_x_mm\n0,0\n1,0\n", 'column "tip_x_mm"'),
+        ("time_s,tip_speed\n0,0\n1,0\n", 'column "tip_speed" is not one of'),
         (HEADER + "0,0,0,0\n", "1 rows of samples"),
         (HEADER + "0,0,0,0\n0.1,0,oops,0\n", "line 3, column \"tip_y_m\": 'oops'"),
         (HEADER + "0,0,0,0\n0.1,0,0\n", "line 3: 3 cells"),
-        (HEADER + "0,0,0,0\n0.1,0,0,0\n0.1,0,0,0\n", "times must increase"),
+        (HEADER + "0,0,0,0\n0.1,0,0,0\n0.1,0,1,0\n", "times must increase"),
         (HEADER + "0,0,0,0\n,0,0,0\n", "needs its time"),
     ],
 )
