@@ -1,7 +1,7 @@
 """Resolved loads: what enters the compiled step. Each turns its value (a leaf of `params.loads`) into nodal forces."""
 
 from collections.abc import Sequence
-from typing import Protocol
+from typing import ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +12,13 @@ Array = jax.Array
 
 
 class ResolvedLoad(Protocol):
-    """A load as the step knows it, a Pytree: `params.loads` holds its value."""
+    """A load as the step knows it, a Pytree: `params.loads` holds its value.
+
+    `symmetric`: whether the derivative of its forces in the positions is symmetric, as that of dead loads, which have
+    none, and of those with a potential. Others say False: derivatives of `equilibrium` are then solved for in general.
+    """
+
+    symmetric: ClassVar[bool]
 
     def force(self, value: Array, positions: Array) -> Array:
         """Nodal forces (n, 3) [N] of a value, at `positions` (n, 3)."""
@@ -20,6 +26,8 @@ class ResolvedLoad(Protocol):
 
 class WeightedForce(Pytree):
     """Force on `nodes` (k,): `weights` (k,) times the value, (3,) or (k, 3). Dead: does not turn with the body."""
+
+    symmetric: ClassVar[bool] = True
 
     nodes: Array
     weights: Array
@@ -31,6 +39,8 @@ class WeightedForce(Pytree):
 
 class FacePressure(Pytree):
     """Pressure against the outward normal of the deformed `faces` (k, 3), shared equally by their corners."""
+
+    symmetric: ClassVar[bool] = False
 
     faces: Array
 

@@ -7,7 +7,6 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import elastic_response
-from jaxfem.loads import FacePressure
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.methods.ending import inverted_elements
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
@@ -86,7 +85,7 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
 
 @jax.jit
 def _equilibrium(model: Model, params: Params, state: State, forces: Array | None) -> tuple[State, StepInfo]:
-    symmetric = not any(isinstance(load, FacePressure) for load in model.loads)
+    symmetric = all(getattr(load, "symmetric", False) for load in model.loads)
     given = value_status(model, params, state, forces=forces)
     noise = NOISE * elastic_rounding(model, *jax.lax.stop_gradient((params, state.positions)))
     inputs = _StaticInputs(model, params, state.positions, forces, noise)

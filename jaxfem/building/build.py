@@ -147,7 +147,7 @@ def _model(
         free=jnp.asarray(free, dtype),
         pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
-            load.resolved(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
+            load.entered(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
         driven=tuple(on_device(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(tolerance, dtype),

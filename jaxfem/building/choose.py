@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.declared import SceneError
-from jaxfem.methods import METHODS, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
+from jaxfem.methods import METHODS, CannotServe, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
 from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
 from jaxfem.model import Choice, Model, Params, State
 from jaxfem.system.coupled import coupled_system
@@ -100,7 +100,7 @@ def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, State] 
         return refused
     try:
         return _planned(built, method, choice)
-    except ValueError as problem:
+    except CannotServe as problem:
         return str(problem)
 
 

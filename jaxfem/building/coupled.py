@@ -12,6 +12,7 @@ from jaxfem.building.row_groups import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.model import Model, Params, State
+from jaxfem.schemes import BackwardEuler
 
 
 def with_coupling(
@@ -45,6 +46,11 @@ def _check(model: Model, rigid: bool) -> None:
     if model.mass != "lumped":
         raise SceneError(
             f'mass = "{model.mass}" is for soft bodies alone; rigid bodies, joints and contacts need "lumped"'
+        )
+    if rigid and not model.bodies and not isinstance(model.scheme, BackwardEuler):
+        raise SceneError(
+            f'scheme "{model.scheme.name}" acts on the nodes of soft bodies, and this scene has rigid ones alone, '
+            'which move by the rule of "backward_euler"'
         )
     if rigid and not model.scheme.rigid:
         raise SceneError(

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
+from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
 
 
@@ -20,8 +21,14 @@ def joint_parts(joints: Sequence[Joint], index: BodyIndex, dtype: Any) -> tuple[
     for number, joint in enumerate(joints):
         name = joint.name or str(number)
         where = f'joint "{name}"' if joint.name else f"joint {name} (a {type(joint).__name__})"
+        if flaw := joint.flaw():
+            raise SceneError(flaw)
         for part in joint.parts(index, where):
-            grouped.setdefault(f"{part.word} {part.rows.kind}", []).append((name, part))
+            group = grouped.setdefault(f"{part.word} {part.rows.kind}", [])
+            if group and type(group[0][1].rows) is not type(part.rows):
+                kinds = type(part.rows).__name__, type(group[0][1].rows).__name__
+                raise SceneError(f'{where} calls its {kinds[0]} "{part.word}", as others call a {kinds[1]}: rename it')
+            group.append((name, part))
     rows, values = {}, {}
     for label, parts in grouped.items():
         stacked = _stacked([part.rows for _, part in parts], dtype)

@@ -6,10 +6,13 @@ interrupted.
 """
 
 import argparse
+import importlib
+import importlib.util
 import sys
 import warnings
 from collections.abc import Sequence
 from importlib import metadata
+from pathlib import Path
 from typing import Any
 
 import jaxfem
@@ -30,6 +33,7 @@ USER_ERRORS = (
     jaxfem.StepError,
     jaxfem.FitError,
     PlotError,
+    ImportError,  # of --import, or an extra that is missing
     OSError,  # a file that is missing, or a folder that cannot be written
 )
 
@@ -42,13 +46,16 @@ def main(argv: Sequence[str] | None = None) -> int:
     words = list(sys.argv[1:] if argv is None else argv)
     given = {switch: switch in words for switch in ("--debug", "--no-cache")}  # taken anywhere on the line
     debug = given["--debug"]
-    args = parser().parse_args([word for word in words if word not in given])
+    words, modules = _imports([word for word in words if word not in given])
+    args = parser().parse_args(words)
     if argv is None:
         keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
         warnings.simplefilter("always", jaxfem.AccuracyWarning)
         _show_warnings_briefly()
         try:
+            for module in modules:
+                import_module(module)
             code: int = args.run(args)
             return code
         except USER_ERRORS as problem:
@@ -63,12 +70,41 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 130
 
 
+def _imports(words: list[str]) -> tuple[list[str], list[str]]:
+    """The words of the line without `--import MODULE`, taken anywhere on it, and those modules."""
+    kept, modules, rest = list[str](), list[str](), iter(words)
+    for word in rest:
+        name, equals, value = word.partition("=")
+        if name != "--import":
+            kept.append(word)
+        else:
+            modules.append(value if equals else next(rest, ""))
+    return kept, modules
+
+
+def import_module(given: str) -> None:
+    """Run a module or a Python file, so that the kinds it defines are known. ImportError says what is missing."""
+    if not given.endswith(".py"):
+        importlib.import_module(given)
+        return
+    path = Path(given)
+    if not path.is_file():
+        raise FileNotFoundError(2, "no such file to --import", given)
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    assert spec is not None and spec.loader is not None
+    sys.modules[path.stem] = module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+
+
 def parser() -> argparse.ArgumentParser:
     """The parser with all subcommands."""
     made = argparse.ArgumentParser(prog="jaxfem", description="Simulate soft bodies. Units are SI throughout.")
     made.add_argument("--version", action="version", version=f"jaxfem {metadata.version('jaxfem')}")
     made.add_argument("--debug", action="store_true", help="show where an error comes from")
     made.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none (JAXFEM_CACHE)")
+    made.add_argument(
+        "--import", metavar="MODULE", help="a module or FILE.py of your own, run first: laws, joints, shapes it defines"
+    )
     made.set_defaults(kept=True)
     subparsers = made.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:

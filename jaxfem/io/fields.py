@@ -5,6 +5,7 @@ from collections.abc import Callable
 from typing import Any, Literal
 
 import jax
+import jax.numpy as jnp
 
 from jaxfem.elements.stress import von_mises_stress
 from jaxfem.model import Model, Params, State, element_stiffness
@@ -33,12 +34,20 @@ def frame_field(name: str, unit: str, on: Literal["node", "element"]) -> Callabl
 
     def entered(compute: Compute) -> Compute:
         known = FIELDS.get(name)
-        if known is not None and known.compute.__qualname__ != compute.__qualname__:
-            raise ValueError(f'two fields of the frames are called "{name}"')
+        if known is not None and _place(known.compute) != _place(compute):
+            raise ValueError(f'two fields of the frames are called "{name}": {_place(known.compute)} and this one')
+        if on not in ("node", "element"):
+            raise ValueError(f'the field "{name}" is given on {on!r}; give "node" or "element"')
         FIELDS[name] = FrameField(name, unit, on, compute)
         return compute
 
     return entered
+
+
+def _place(compute: Compute) -> tuple[str, str, object]:
+    """Where a function is defined; the same one defined again, as in a notebook, is the same place."""
+    name = compute.__qualname__
+    return compute.__module__, name, compute if "<lambda>" in name else None
 
 
 @frame_field("displacement", "m", "node")
@@ -58,11 +67,21 @@ def _body(model: Model, params: Params, state: State) -> Array:
 
 @frame_field("von_mises", "Pa", "element")
 def _von_mises(model: Model, params: Params, state: State) -> Array:
+    """Of plain elements, by their elastic stiffness; NaN in bodies whose law has a memory, which alone knows it."""
     _, deviatoric = element_stiffness(model, params)
     stress: Array = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
-    return stress
+    known = jnp.asarray([not law.remembers for law in model.laws] or [True])
+    return jnp.where(known[model.elements.body], stress, jnp.nan)
 
 
 def computed(model: Model, params: Params, state: State) -> dict[str, Any]:
-    """All fields of a frame by name."""
-    return {name: field.compute(model, params, state) for name, field in FIELDS.items()}
+    """All fields of a frame by name. ValueError where one does not have an entry a node or element."""
+    counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
+    for name, field in FIELDS.items():
+        found[name] = jnp.asarray(field.compute(model, params, state))
+        if found[name].shape[:1] != (counts[field.on],):
+            raise ValueError(
+                f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '
+                f"{counts[field.on]} {field.on}s"
+            )
+    return found

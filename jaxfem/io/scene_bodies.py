@@ -33,6 +33,11 @@ MESH_KEYS = {
 def body_keys(values: dict[str, Any], where: str) -> tuple[str, ...]:
     """Keys that a [[body]] table may hold: those of every body, and the constants and options of its material."""
     law = _law(Table(values, where, None))
+    for name in (*(each.name for each in law.constants), *law.options):
+        if name in BODY_KEYS and name != DENSITY.name:
+            raise SceneFileError(
+                f"{law.__name__} calls a constant or option {name!r}, a key of every [[body]]: rename it"
+            )
     return (*BODY_KEYS, *(each.name for each in law.constants), *law.options)
 
 

@@ -123,6 +123,9 @@ def _time(top: Table) -> tuple[Table, Scheme]:
     """The [time] table, and the scheme that it names with the numbers that it gives for it."""
     word = top.table("time", None, "[time]").choice("scheme", SCHEMES.words(), "backward_euler")
     numbers = [field.name for field in dataclasses.fields(SCHEMES[word].made)]
+    for name in numbers:
+        if name in TIME_KEYS:
+            raise SceneFileError(f'the scheme "{word}" calls a number {name!r}, a key of every [time] table: rename it')
     time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
     return time, SCHEMES[word].made(**{name: time.number(name) for name in numbers if name in time})
 

@@ -5,6 +5,7 @@ from typing import Any, ClassVar, NamedTuple, Self
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.registry import Registry
@@ -46,6 +47,14 @@ class Material:
         super().__init_subclass__(**kwargs)
         if not word:
             return  # a class that others share code through
+        if cls.stiffness is Material.stiffness:
+            raise TypeError(f'the material law "{word}" ({cls.__name__}) has no `stiffness`: define it')
+        names = [each.name for each in cls.constants]
+        twice = (
+            {name for name in names if names.count(name) > 1} | {*names} & {*cls.options} | {"values"} & {*cls.options}
+        )
+        if twice:
+            raise TypeError(f'the material law "{word}" has two things called {min(twice)!r}: rename one')
         LAWS.add(word, cls)
         cls.word = word
 
@@ -82,7 +91,9 @@ class Material:
         return type(self), tuple(getattr(self, name) for name in self.options)
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Material) and self._key() == other._key()
+        if not isinstance(other, Material) or self._key() != other._key() or self.values.keys() != other.values.keys():
+            return False
+        return all(np.array_equal(value, other.values[name]) for name, value in self.values.items())
 
     def __hash__(self) -> int:
         return hash(self._key())

@@ -1,6 +1,7 @@
 """A material constant as a law declares it: all that scene files, checks, fits, plots and messages know of it."""
 
 import dataclasses
+import keyword
 from typing import Any, ClassVar
 
 import jax
@@ -113,8 +114,16 @@ class Constant:
     doubt: tuple[float, str] | None = None
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier() or self.name.startswith("_"):
+        if not self.name.isidentifier() or self.name.startswith("_") or keyword.iskeyword(self.name):
             raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
+        if not self.low < self.high:
+            raise TypeError(f"{self.name} must lie between {self.low:g} and {self.high:g}: give low < high")
+        if self.default is not None and not self._inside(np.asarray(self.default)):
+            raise TypeError(f"the default of {self.name} is {self.default:g}, but it {self.advice}")
+        if isinstance(self.transform, Logarithm) and self.low < 0 and np.isfinite(self.low):
+            raise TypeError(
+                f"{self.name} may be negative, but fits search its logarithm: give transform=Identity(), or low=0"
+            )
 
     @property
     def range(self) -> Range:
@@ -125,6 +134,9 @@ class Constant:
     def title(self) -> str:
         """The constant in prose."""
         return self.label or self.name
+
+    def _inside(self, array: np.ndarray) -> Any:
+        return ((array >= self.low) if self.closed else (array > self.low)) & (array < self.high)
 
     def checked(self, body: str, value: Any, elements: int) -> np.ndarray:
         """Validate a body's value on the host: one number, or one for each of its `elements`.
@@ -137,8 +149,7 @@ class Constant:
                 f'{self.name} of "{body}" has shape {array.shape}; give one number, or one for each of its {elements} '
                 "elements"
             )
-        inside = ((array >= self.low) if self.closed else (array > self.low)) & (array < self.high)
-        bad = np.flatnonzero(~(np.isfinite(array) & inside))
+        bad = np.flatnonzero(~(np.isfinite(array) & self._inside(array)))
         if bad.size:
             where = f" of element {bad[0]}" if array.shape else ""
             raise MaterialError(f'{self.name}{where} of "{body}" is {np.atleast_1d(array)[bad[0]]:g}: it {self.advice}')

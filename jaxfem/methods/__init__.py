@@ -3,11 +3,22 @@
 from jaxfem.methods.allrows.direct import Direct
 from jaxfem.methods.allrows.mprgp import Mprgp
 from jaxfem.methods.allrows.sweeps import Pgs
-from jaxfem.methods.base import METHODS, Facts, Method, Solved
+from jaxfem.methods.base import METHODS, CannotServe, Facts, Method, Solved
 from jaxfem.methods.nodes.method import Condensed
 from jaxfem.methods.nonlinear import ImplicitRotations
 from jaxfem.registry import import_folder
 
-__all__ = ["METHODS", "Condensed", "Direct", "Facts", "ImplicitRotations", "Method", "Mprgp", "Pgs", "Solved"]
+__all__ = [
+    "METHODS",
+    "CannotServe",
+    "Condensed",
+    "Direct",
+    "Facts",
+    "ImplicitRotations",
+    "Method",
+    "Mprgp",
+    "Pgs",
+    "Solved",
+]
 
 import_folder(__name__, __path__)

@@ -21,6 +21,9 @@ from jaxfem.solvers.status import SolveInfo
 
 Array = jax.Array
 
+AUTO = "auto"
+"""Stands for the choice between methods."""
+
 
 class Facts(NamedTuple):
     """What of a scene decides which methods can serve it.
@@ -42,6 +45,10 @@ class Facts(NamedTuple):
         return self.rigid or self.tied
 
 
+class CannotServe(ValueError):
+    """A method cannot make its plan for a scene; the message follows the method's name."""
+
+
 class Solved(Pytree):
     """The solution of a step, by whichever method: end-of-step `velocities` (n, 3) of all triples, `impulses` of the
     groups of rows that the method solves for (None where it has none), and how the solve went."""
@@ -61,6 +68,8 @@ class Method(abc.ABC):
         super().__init_subclass__(**kwargs)
         if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
             return
+        if cls.name == AUTO:
+            raise TypeError(f'{cls.__name__} calls itself "{AUTO}", which stands for the choice between methods')
         METHODS.add(cls.name, cls)
 
     def refuses(self, facts: Facts) -> str | None:
@@ -68,7 +77,7 @@ class Method(abc.ABC):
         return None
 
     def plan(self, model: Model, params: Params, state: State) -> Any:
-        """What it makes of the topology, once, on the host; kept as `model.plan`. ValueError says why it cannot."""
+        """What it makes of the topology, once, on the host; kept as `model.plan`. CannotServe says why it cannot."""
         return None
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:

@@ -63,14 +63,32 @@ class ImplicitRotations(Method):
         return str(self.inner.name)
 
     def refuses(self, facts: Facts) -> str | None:
-        """Coupled scenes, and what the method inside refuses."""
+        """Coupled scenes, what the method inside refuses, and methods inside whose steps are not made of rounds."""
         if facts.coupled:
             return (
                 'with rotation_update = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts: '
                 'use rotation_update = "explicit"'
             )
         why: str | None = self.inner.refuses(facts)
-        return why
+        return why or self._without_rounds()
+
+    def _without_rounds(self) -> str | None:
+        line = type(self.inner).__mro__
+        ranks = {
+            name: next((n for n, c in enumerate(line) if name in vars(c)), len(line)) for name in ("round", "step")
+        }
+        if ranks["round"] == len(line):
+            return 'has no `round`, which rotation_update = "implicit" repeats: use rotation_update = "explicit"'
+        if ranks["step"] < ranks["round"]:
+            return (
+                'has a `step` of its own, which rotation_update = "implicit" would pass over for the `round` of '
+                f"{line[ranks['round']].__name__}: give it a `round` of its own too"
+            )
+        return None
+
+    def plan(self, model: Model, params: Params, state: State) -> Any:
+        """As the method inside."""
+        return self.inner.plan(model, params, state)
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
         """As the method inside."""

@@ -75,9 +75,10 @@ class Scheme(Pytree):
     """A time scheme: its type is part of the program, its numbers (fields) are values that change without compiling.
 
     `name`: its word in `build` and scene files. `order`: of its error in dt. `rigid`: whether it serves scenes with
-    rigid bodies. `restarts`: whether a step in which something strikes has to be one of backward Euler for the bodies
-    struck, whose accelerations then start anew. `straight`: whether positions move along the new velocities; then free
-    bodies keep their angular momentum (see `system/momentum.py`).
+    rigid bodies, which themselves always move by the rule of backward Euler. `restarts`: whether a step in which
+    something strikes has to be one of backward Euler for the bodies struck, whose accelerations then start anew.
+    `straight`: whether positions move along the new velocities; then free bodies keep their angular momentum (see
+    `system/momentum.py`).
     """
 
     name: ClassVar[str]
@@ -88,6 +89,11 @@ class Scheme(Pytree):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if not isinstance(cls.__dict__.get("name"), str):  # a base of others
+            return
+        for needed in ("stage", "advance"):
+            if getattr(cls, needed) is getattr(Scheme, needed):
+                raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has no `{needed}`: define it')
         SCHEMES.add(cls.name, cls)
 
     def check(self) -> None:
@@ -142,16 +148,14 @@ def scheme_of(given: str | Scheme, dtype: Any, **options: Any) -> Scheme:
 def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, rho_inf: Any = None) -> Array:
     """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
 
-    scheme: a name, "backward_euler" or "generalized_alpha", or an object. `rho_inf`: of schemes that have it, 0.8
-    without it. The shape of `frequencies` comes back; 0 for rigid motions. ValueError for an unknown scheme or
+    scheme: a name, "backward_euler" or "generalized_alpha", or an object. `rho_inf`: for schemes that have it, in place
+    of their own. The shape of `frequencies` comes back; 0 for rigid motions. ValueError for an unknown scheme or
     impossible numbers.
     From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|.
     """
     known = jnp.asarray(frequencies)
     known = known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)
-    if isinstance(scheme, str):
-        numbers = [each.name for each in dataclasses.fields(SCHEMES[scheme].made)] if scheme in SCHEMES else []
-        scheme = scheme_of(scheme, known.dtype, **({"rho_inf": rho_inf} if "rho_inf" in numbers else {}))
+    scheme = scheme_of(scheme, known.dtype, rho_inf=rho_inf)
     _check_damping(known, dt)
     turn = known * dt
     slope = scheme.slope(turn)

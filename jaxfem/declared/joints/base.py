@@ -14,7 +14,7 @@ from typing import Any, NamedTuple, Protocol
 import numpy as np
 
 from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
-from jaxfem.inputs import Declared, Number, Text, takes
+from jaxfem.inputs import Declared, Number, Text, inputs_of, takes
 from jaxfem.registry import Registry
 from jaxfem.rows.attachments import Frame, Point
 from jaxfem.rows.locks import JointRows, Softness
@@ -77,6 +77,18 @@ class Joint(Declared):
             raise SceneError(f'"{self.label}" joins the world to itself: give a body')
         checked_number(f'compliance of "{self.label}"', self.compliance, low=0)
         checked_number(f'damping of "{self.label}"', self.damping, low=0)
+
+    def flaw(self) -> str:
+        """What is wrong with a field, and what to do; empty where nothing is. Values that it may leave out may be."""
+        defaults = {each.name: each.default for each in dataclasses.fields(self)}
+        for name, each in inputs_of(self).items():
+            value = getattr(self, name)
+            if value is None and not each.optional:
+                return f'"{self.label}" needs `{name}`: {each.flaw(value)}'
+            given = not (value is defaults[name] or (np.isscalar(value) and value == defaults[name]))
+            if value is not None and given and (flaw := each.flaw(value)):
+                return f'{name} of "{self.label}" is {value!r}; {flaw}'
+        return ""
 
     @property
     def label(self) -> str:

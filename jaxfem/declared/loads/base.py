@@ -46,9 +46,17 @@ class Load:
     def __init_subclass__(cls, kind: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         dataclasses.dataclass(frozen=True)(cls)
-        if kind:
-            cls.word = kind
-            LOADS.add(kind, cls)
+        if not kind:
+            return
+        missing = [name for name in ("place", "amount", "unit") if not hasattr(cls, name)]
+        fields = {each.name for each in dataclasses.fields(cls)}  # type: ignore[arg-type]
+        if missing or cls.resolved is Load.resolved or not {cls.place, cls.amount} <= fields:
+            raise TypeError(
+                f'the load "{kind}" ({cls.__name__}) needs `place` ("nodes", "faces" or "point"), `amount` and `unit`, '
+                "a field for each of the first two, and `resolved`"
+            )
+        cls.word = kind
+        LOADS.add(kind, cls)
 
     def __post_init__(self) -> None:
         refuse_traced(self)
@@ -58,6 +66,16 @@ class Load:
         """How much: what goes into `params.loads`."""
         return getattr(self, self.amount)
 
+    def entered(self, body: Loaded, offset: int, dtype: Any) -> ResolvedLoad:
+        """`resolved`, once what all loads share is checked: that the amount is made of finite numbers."""
+        try:
+            array = np.asarray(self.value, dtype=float)
+        except (TypeError, ValueError):
+            array = np.full(0, np.nan)
+        if not np.isfinite(array).all() or array.size == 0 or array.shape[-1:] != (() if self.scalar else (3,)):
+            self.checked(body, self.amount, () if self.scalar else (3,))
+        return self.resolved(body, offset, dtype)
+
     def resolved(self, body: Loaded, offset: int, dtype: Any) -> ResolvedLoad:
         """What enters the compiled step; a body's nodes are counted from `offset`. SceneError where it cannot act."""
         raise NotImplementedError
@@ -65,7 +83,10 @@ class Load:
     def checked(self, body: Loaded, name: str, *shapes: tuple[int, ...]) -> np.ndarray:
         """The field `name` as finite numbers of one of `shapes`."""
         value = getattr(self, name)
-        array = np.asarray(value, dtype=float)
+        try:
+            array = np.asarray(value, dtype=float)
+        except (TypeError, ValueError):
+            array = np.full(0, np.nan)
         if array.shape not in shapes or not np.isfinite(array).all():
             kind = type(self).__name__
             raise SceneError(

@@ -13,7 +13,7 @@ from jaxfem.methods.allrows.factor import elimination_of
 from jaxfem.methods.allrows.operator import RowOperator
 from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.methods.allrows.rounds import with_friction
-from jaxfem.methods.base import Facts, Solved
+from jaxfem.methods.base import CannotServe, Facts, Solved
 from jaxfem.methods.by_rows import Impulses, RowMethod, system_of
 from jaxfem.model import Model, Params, State
 from jaxfem.rows.bounds import Bounds, sides_of
@@ -37,13 +37,13 @@ class Direct(RowMethod):
         return None
 
     def plan(self, model: Model, params: Params, state: State) -> RowOrder:
-        """The order of elimination; ValueError where nothing ties the bodies, or too much does."""
+        """The order of elimination; CannotServe where nothing ties the bodies, or too much does."""
         assert model.rigid is not None
         # Nothing but these is compiled.
         triples, heights = jax.jit(_triples)(model, params, state.replace(memory=None))
         order = elimination_of([np.asarray(each) for each in triples], [each.shape[0] for each in heights], model.rigid)
         if order is None:
-            raise ValueError(
+            raise CannotServe(
                 "eliminates the rows that tie rigid bodies, and here there are none, or so many that it is too dear: "
                 'use "auto", "mprgp" or "pgs"'
             )
