@@ -16,7 +16,7 @@ import jaxfem as jf
 from jaxfem.diagnose import words
 from jaxfem.methods import Condensed
 from jaxfem.model import Choice, nodal_mass
-from jaxfem.solvers import Status
+from jaxfem.solvers.status import BYTE, Status
 
 CHUNK, EVERY = 20, 5  # steps of a call, steps of a saved frame
 PATIENCE = 2  # chunks with a bad status after which a run is given up
@@ -55,8 +55,8 @@ class Run:
 
     @property
     def status(self) -> int:
-        """The first status that is not 0."""
-        return next((int(info.status) for info in self.infos if info.status), 0)
+        """The first status that is not 0, without the cause that it may name."""
+        return next((int(info.status) % BYTE for info in self.infos if info.status), 0)
 
     @property
     def iterations(self) -> int:
@@ -115,11 +115,16 @@ class Run:
         if bad:
             first = self.infos.index(bad[0])
             found = jf.diagnose(self.world.model, self.params, self.frames[first + 1], bad[0])
-            told.append(f"{words(Status(int(bad[0].status)))} (frame {first + 1} of {len(self.infos)})")
+            told.append(f"{said(int(bad[0].status))} (frame {first + 1} of {len(self.infos)})")
             told += [each.text for each in found.findings[:1]]
         if int(self.infos[-1].inverted):
             told.append(f"info.inverted = {int(self.infos[-1].inverted)} at the end")
         return told
+
+
+def said(code: int) -> str:
+    """A status in words: the cause that it names, else its own name."""
+    return jf.solvers.describe(code) if code >= BYTE else words(Status(code))
 
 
 def roll(world: World, dt: float, steps: int, state: Any = None, params: Any = None) -> Run:

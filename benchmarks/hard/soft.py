@@ -23,7 +23,8 @@ def recovers(at: Setting, world: World, run: Run, near: float = 1e-3) -> Told:
         Wanted("bad status", run.status, 0),
         Wanted("inverted at the end", int(run.infos[-1].inverted), 0),
     ]
-    return Told(wanted, [run], recovery=back)
+    rate = turning(world, run.params, run.end)
+    return Told(wanted, [run], recovery=back, note=f"turns at {rate:.3g} rad/s at the end")
 
 
 def from_start(name: str, change, dt: float = DT, quick: bool = False) -> None:

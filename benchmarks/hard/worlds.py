@@ -19,10 +19,10 @@ LOOSE = ("mprgp",)  # rigid bodies that nothing ties
 EXTRAS = {"implicit": {"rotation_update": "implicit"}, "alpha": {"scheme": "generalized_alpha"}}
 
 
-def built(scene: jf.Scene, at: Setting, **known: Any) -> World:
+def built(scene: jf.Scene, at: Setting, max_iterations: int = 20_000, **known: Any) -> World:
     """A world of a scene, by a setting's route; NotServed where the method refuses it."""
     method, *extras = at.route.split()
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = {"max_iterations": max_iterations}
     for each in extras:
         options |= EXTRAS[each]
     try:
@@ -83,7 +83,8 @@ def plate(at: Setting) -> World:
     mesh = jf.mesh.box((0.2, 0.2, 0.004), (4, 4, 1), tets_per_cell=5, origin=(-0.1, -0.1, 0.1))
     thin = jf.SoftBody(mesh, young=1e6, poisson=0.3, density=1000.0, damping=0.005, name="plate")
     slab = jf.RigidBody(jf.Box((0.6, 0.6, 0.01)), mass=1.0, position=(0, 0, -0.005), fixed=True, name="slab")
-    return built(jf.Scene([thin, slab], contacts=[jf.Contact(thin, slab, name="strike")]), at, size=0.2)
+    scene = jf.Scene([thin, slab], contacts=[jf.Contact(thin, slab, name="strike")])
+    return built(scene, at, size=0.2, max_iterations=2000)
 
 
 @functools.cache
