@@ -78,7 +78,7 @@ class Part:
         known = kind_and_nodes(name)
         if known is None:
             count = sum(not line.endswith(",") for line in keyword.lines)
-            label = f"elements of type {name or '?'}"
+            label = name or "element without a type"
             self.left_out[label] = self.left_out.get(label, 0) + count
             return
         kind, nodes = known
