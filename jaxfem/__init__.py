@@ -11,7 +11,7 @@ from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.linear import Linear
-from jaxfem.mesh import TetMesh
+from jaxfem.mesh import MeshError, MeshWarning, TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
@@ -42,6 +42,8 @@ __all__ = [
     "Linear",
     "Material",
     "MaterialError",
+    "MeshError",
+    "MeshWarning",
     "Model",
     "Motion",
     "Motor",

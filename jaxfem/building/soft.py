@@ -13,6 +13,8 @@ from jaxfem.elements.domains import Domains
 from jaxfem.elements.smoothing import STRAINS, build_domains
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.mesh import MeshWarning
+from jaxfem.mesh.troubles import troubles
 from jaxfem.model import Params
 from jaxfem.schemes import Scheme
 
@@ -22,12 +24,14 @@ class AccuracyWarning(UserWarning):
 
 
 def check_body(body: SoftBody, name: str) -> None:
-    """Refuse lengths that are no metres; warn where elements lock."""
+    """Refuse lengths that are no metres; warn of what its mesh notes, of seams and flat elements, and of locking."""
     size = np.ptp(body.mesh.points, axis=0).max()
     if not 1e-6 < size < 1e5:
         raise SceneError(
             f'"{name}" is {size:.3g} m long: lengths are in m. Rescale with mesh.scaled(factor) or read(..., scale=)'
         )
+    for trouble in (*body.mesh.notes, *troubles(body.mesh)):
+        warnings.warn(f'mesh of "{name}": {trouble}', MeshWarning, stacklevel=4)
     values: Any = {key: np.asarray(value, float) for key, value in body.made_of.values.items()}
     poisson = float(np.max(ratio_and_modulus(*body.made_of.stiffness(values))[0]))
     if body.strain == "element" and poisson > 0.45 + 1e-12:

@@ -22,9 +22,10 @@ from jaxfem.cli.programs import keep_programs
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.materials.constants import MaterialError
-from jaxfem.mesh import MeshError
+from jaxfem.mesh import MeshError, MeshWarning
 
 COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info)
+OWN_WARNINGS = (jaxfem.AccuracyWarning, MeshWarning)
 USER_ERRORS = (
     SceneFileError,
     jaxfem.SceneError,
@@ -51,7 +52,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     if argv is None:
         keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
-        warnings.simplefilter("always", jaxfem.AccuracyWarning)
+        for own in OWN_WARNINGS:
+            warnings.simplefilter("always", own)
         _show_warnings_briefly()
         try:
             for module in modules:
@@ -127,7 +129,7 @@ def _show_warnings_briefly() -> None:
     usual, lost = warnings.showwarning, list[Any]()
 
     def show(message: Any, category: type[Warning], *rest: Any, **more: Any) -> None:
-        if issubclass(category, jaxfem.AccuracyWarning):
+        if issubclass(category, OWN_WARNINGS):
             warning(message)
         elif "persistent compilation cache" in str(message):
             if not lost:

@@ -23,7 +23,7 @@ BODY_KEYS = (
 MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
 DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
 MESH_KEYS = {
-    "file": ("scale",),
+    "file": ("scale", "merge"),
     "box": ("cells", "tets_per_cell", "origin"),
     "beam": ("cells_along", "tets_per_cell", "origin"),
     "ball": ("cells", "center"),
@@ -130,7 +130,11 @@ def _mesh(table: Table, folder: Path) -> TetMesh:
 
 def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
     if kind == "file":
-        return {"path": folder / mesh.text("file"), "scale": mesh.number("scale", 1.0, positive=True)}
+        return {
+            "path": folder / mesh.text("file"),
+            "scale": mesh.number("scale", None, positive=True),
+            "merge": mesh.get("merge") if "merge" in mesh else False,
+        }
     if kind == "ball":
         center = mesh.vector("center", (0.0, 0.0, 0.0), "m")
         return {

@@ -41,7 +41,7 @@ class SceneSources:
 
     def surface(self, table: TableLike) -> tuple[np.ndarray, np.ndarray]:
         """Points (n, 3) [m] and triangles (t, 3) of the surface that `file` and `scale` of a table name."""
-        return read_surface(self.folder / table.text("file"), table.number("scale", 1.0, positive=True))
+        return read_surface(self.folder / table.text("file"), table.number("scale", None, positive=True))
 
 
 def read_rigid(table: Table, sources: SceneSources) -> RigidBody:

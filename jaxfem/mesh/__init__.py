@@ -1,20 +1,23 @@
 """Tetrahedral meshes: made, read, checked, measured. NumPy on the host; nothing here is traced by JAX."""
 
+from .checks import MeshWarning
 from .clouds import delaunay, from_convex_surface
 from .embedding import locate
-from .files import read, read_surface, write
+from .files import from_cells, read, read_surface, write
 from .generators import ball, beam, box
 from .quality import QualityReport, quality, report_text
 from .tet import MeshError, TetMesh
 
 __all__ = [
     "MeshError",
+    "MeshWarning",
     "QualityReport",
     "TetMesh",
     "ball",
     "beam",
     "box",
     "delaunay",
+    "from_cells",
     "from_convex_surface",
     "locate",
     "quality",

@@ -1,28 +1,14 @@
-"""Sorting out what a mesh file holds: tetrahedra kept, tagged triangles, lines and vertices made groups."""
+"""Sorting out what a mesh file holds: solids made tetrahedra; tagged triangles, lines and vertices made groups."""
 
 import dataclasses
-from typing import Any
 
 import numpy as np
 
 from .checks import Floats, Ints, MeshError
+from .cutting import cut_faces, cut_solids, node_order
+from .raw import CORNERS, RawMesh, dimension, shape_of
 
-LINEAR = {  # cell types in use: how many of their nodes are corners, and their dimension
-    "tetra": (4, 3),
-    "tetra10": (4, 3),
-    "triangle": (3, 2),
-    "triangle6": (3, 2),
-    "line": (2, 1),
-    "line3": (2, 1),
-    "vertex": (1, 0),
-}
-TAGS = (
-    "gmsh:physical",
-    "medit:ref",
-    "tetgen:ref",
-    "nastran:ref",
-    "su2:tag",
-)  # where formats keep a cell's group number
+FLAT_KINDS = ("polygon", "polyline", "polyvertex", "strip", "empty")  # unknown kinds of cells that have no volume
 
 
 @dataclasses.dataclass
@@ -37,104 +23,139 @@ class Parts:
     notes: tuple[str, ...]
 
 
-def sort_out(raw: Any, source: str) -> Parts:
-    """The usable parts of a meshio mesh; MeshError when it holds no tetrahedra, saying what it holds instead."""
-    blocks = [(block.type, block.data) for block in raw.cells]
-    if not any(kind in ("tetra", "tetra10") and len(data) for kind, data in blocks):
-        raise MeshError(_no_tetrahedra(blocks, source))
-    corners = {dim: _stacked(blocks, dim) for dim in range(4)}
-    named: dict[int, dict[str, Ints]] = {dim: {} for dim in range(4)}
-    for dim in range(4):
-        for name, chosen in {**_by_tag(raw, blocks, dim), **_by_set(raw, blocks, dim)}.items():
-            named[dim][name] = chosen
-    nodes = {name: np.unique(corners[dim][chosen]) for dim in (0, 1) for name, chosen in named[dim].items()}
-    nodes |= {str(name): np.asarray(numbers, dtype=np.int64) for name, numbers in raw.point_sets.items()}
+def sort_out(raw: RawMesh, source: str) -> Parts:
+    """The usable parts of a file; MeshError when it holds no solids, or some that cannot be cut into tetrahedra."""
+    if not any(dimension(kind) == 3 for kind, _ in raw.blocks):
+        raise MeshError(_no_solids(raw, source))
+    strange = [kind for kind, _ in raw.blocks if shape_of(kind) is None and not kind.startswith(FLAT_KINDS)]
+    if strange:
+        found = _inventory({kind: count for kind, count in _counts(raw).items() if kind in strange})
+        raise MeshError(
+            f"{source} holds {found}, which cannot be cut into tetrahedra here: leaving them out would leave holes; "
+            "mesh with tetrahedra, hexahedra, wedges or pyramids"
+        )
+    corners = [_corners(kind, rows) for kind, rows in raw.blocks]
+    rank = node_order(len(raw.points), [corners[i] for i, _ in _of_shape(raw, "hexahedron")])
+    points, cells, cell_groups, notes = _solids(raw, corners, rank, source)
+    faces = _faces(raw, corners, rank)
+    nodes: dict[str, list[Ints]] = {name: [np.asarray(own, np.int64)] for name, own in raw.node_sets.items()}
+    for name, members in raw.cell_sets.items():
+        for block, chosen in members:
+            if dimension(raw.blocks[block][0]) in (0, 1):
+                nodes.setdefault(name, []).append(corners[block][chosen].reshape(-1))
     return Parts(
-        points=solid_points(raw.points),
-        cells=corners[3],
-        face_groups={name: corners[2][chosen] for name, chosen in named[2].items()},
-        node_groups=nodes,
-        cell_groups=named[3],
-        notes=_notes(blocks, named),
+        points=points,
+        cells=cells,
+        face_groups=faces,
+        node_groups={name: np.unique(np.concatenate(each)) for name, each in nodes.items()},
+        cell_groups=cell_groups,
+        notes=(*raw.notes, *notes, *_notes(raw)),
     )
 
 
-def solid_points(points: Any) -> Floats:
-    """Points as (n, 3): a plane file's get z = 0."""
-    array = np.asarray(points, dtype=np.float64)
-    return np.pad(array, ((0, 0), (0, 3 - array.shape[1]))) if array.ndim == 2 and array.shape[1] < 3 else array
+def surface_of(raw: RawMesh) -> Ints:
+    """All triangles (k, 3) of a file, quadrilaterals cut in two; (0, 3) where there are none."""
+    rank = np.arange(len(raw.points))
+    rows = [cut_faces(_corners(kind, rows), rank).reshape(-1, 3) for kind, rows in raw.blocks if dimension(kind) == 2]
+    return np.concatenate([np.zeros((0, 3), np.int64), *rows])
 
 
-def _stacked(blocks: list[tuple[str, Any]], dim: int) -> Ints:
-    """The corner nodes of all cells of one dimension, block after block."""
-    rows = [np.asarray(data, dtype=np.int64)[:, : LINEAR[kind][0]] for kind, data in blocks if _has(kind, dim)]
-    return np.concatenate(rows) if rows else np.zeros((0, dim + 1), dtype=np.int64)
+def _corners(kind: str, rows: Ints) -> Ints:
+    shape = shape_of(kind)
+    return rows if shape is None else rows[:, : CORNERS[shape][0]]
 
 
-def _has(kind: str, dim: int) -> bool:
-    return kind in LINEAR and LINEAR[kind][1] == dim
+def _of_shape(raw: RawMesh, shape: str) -> list[tuple[int, str]]:
+    return [(i, kind) for i, (kind, _) in enumerate(raw.blocks) if shape_of(kind) == shape]
 
 
-def _by_tag(raw: Any, blocks: list[tuple[str, Any]], dim: int) -> dict[str, Ints]:
-    """Numbers of the cells of one dimension that share a tag, under the tag's name in the file, or else its number."""
-    for key in TAGS:
-        if key not in raw.cell_data:
+def _solids(
+    raw: RawMesh, corners: list[Ints], rank: Ints, source: str
+) -> tuple[Floats, Ints, dict[str, Ints], tuple[str, ...]]:
+    """Points, tetrahedra and groups of them. Blocks of one shape are cut together, so that each is told once."""
+    points, made, notes = raw.points, list[Ints](), list[str]()
+    place: dict[int, tuple[int, Ints]] = {}  # of a block: its first element, and the cell of each element
+    start = 0
+    for shape in (shape for shape, (_, dim) in CORNERS.items() if dim == 3):
+        own = [i for i, _ in _of_shape(raw, shape)]
+        if not own:
             continue
-        found = [values for (kind, _), values in zip(blocks, raw.cell_data[key], strict=True) if _has(kind, dim)]
-        tags = np.concatenate(found).astype(np.int64) if found else np.zeros(0, dtype=np.int64)
-        # Gmsh's own field_data: name -> (number, dimension)
-        names = {int(v[0]): str(k) for k, v in raw.field_data.items() if np.size(v) == 2 and int(v[1]) == dim}
-        values = [int(tag) for tag in np.unique(tags) if tag != 0]
-        if dim != 2 and not names and (len(values) < 2 or dim < 2):
-            return {}  # one number on everything says nothing
-        return {names.get(tag, str(tag)): np.flatnonzero(tags == tag) for tag in values}
-    return {}
-
-
-def _by_set(raw: Any, blocks: list[tuple[str, Any]], dim: int) -> dict[str, Ints]:
-    """Numbers of the cells of one dimension in each of the file's own cell sets."""
-    groups: dict[str, Ints] = {}
+        cut = cut_solids(shape, np.concatenate([corners[i] for i in own]), points, rank, source)
+        points = cut.points
+        order = np.argsort(cut.parents, kind="stable")
+        made.append(cut.tets[order])
+        notes += cut.notes
+        parents, first = cut.parents[order], 0
+        for i in own:
+            low, high = np.searchsorted(parents, [first, first + len(corners[i])])
+            place[i] = (start + int(low), parents[low:high] - first)
+            first += len(corners[i])
+        start += len(parents)
+    groups: dict[str, list[Ints]] = {}
     for name, members in raw.cell_sets.items():
-        if name.startswith("gmsh:"):
-            continue
-        chosen, start = [], 0
-        for (kind, data), numbers in zip(blocks, members, strict=True):
-            if _has(kind, dim):
-                chosen += [start + np.asarray(numbers, dtype=np.int64)] if numbers is not None else []
-                start += len(data)
-        if sum(len(numbers) for numbers in chosen):
-            groups[str(name)] = np.concatenate(chosen)
-    return groups
+        for block, chosen in members:
+            if block in place:
+                first, parents = place[block]
+                groups.setdefault(name, []).append(first + np.flatnonzero(np.isin(parents, chosen)))
+    joined = {name: np.unique(np.concatenate(each)) for name, each in groups.items()}
+    return points, np.concatenate(made), joined, tuple(notes)
 
 
-def _notes(blocks: list[tuple[str, Any]], named: dict[int, dict[str, Ints]]) -> tuple[str, ...]:
-    notes = []
-    quadratic = sum(len(data) for kind, data in blocks if kind == "tetra10")
-    if quadratic:
-        notes.append(f"{quadratic} quadratic elements were made linear: their nodes on edges are left out")
-    rest = {
-        kind: sum(len(data) for other, data in blocks if other == kind)
-        for kind, _ in blocks
-        if kind not in LINEAR or (LINEAR[kind][1] < 3 and not named[LINEAR[kind][1]])
+def _faces(raw: RawMesh, corners: list[Ints], rank: Ints) -> dict[str, Ints]:
+    """Groups of triangles: sets of surface cells, and of faces."""
+    groups = {
+        name: [cut_faces(np.asarray(rows, np.int64), rank).reshape(-1, 3) for rows in faces]
+        for name, faces in raw.face_sets.items()
     }
+    for name, members in raw.cell_sets.items():
+        for block, chosen in members:
+            if dimension(raw.blocks[block][0]) == 2:
+                groups.setdefault(name, []).append(cut_faces(corners[block][chosen], rank).reshape(-1, 3))
+    joined = {name: np.concatenate([np.zeros((0, 3), np.int64), *each]) for name, each in groups.items()}
+    # a file may hold a face from both sides
+    return {
+        name: rows[np.sort(np.unique(np.sort(rows, axis=1), axis=0, return_index=True)[1])]
+        for name, rows in joined.items()
+    }
+
+
+def _notes(raw: RawMesh) -> tuple[str, ...]:
+    notes = []
+    quadratic = sum(
+        len(rows)
+        for kind, rows in raw.blocks
+        if dimension(kind) == 3 and rows.shape[1] > CORNERS[shape_of(kind) or ""][0]
+    )
+    if quadratic:
+        made = "1 quadratic element was" if quadratic == 1 else f"{quadratic} quadratic elements were"
+        notes.append(f"{made} made linear: nodes on edges are left out, and curved edges straight")
+    used = {dimension(raw.blocks[block][0]) for members in raw.cell_sets.values() for block, _ in members}
+    rest = {
+        kind: count
+        for kind, count in _counts(raw).items()
+        if shape_of(kind) is None or (dimension(kind) != 3 and dimension(kind) not in used)
+    }
+    rest |= raw.left_out
     if rest:
-        notes.append(f"left out: {_inventory(rest)} (no tetrahedra, no group)")
+        notes.append(f"left out: {_inventory(rest)} (no solids, no group)")
     return tuple(notes)
+
+
+def _counts(raw: RawMesh) -> dict[str, int]:
+    counts: dict[str, int] = {}
+    for kind, rows in raw.blocks:
+        counts[kind] = counts.get(kind, 0) + len(rows)
+    return counts
 
 
 def _inventory(counts: dict[str, int]) -> str:
     return ", ".join(f"{count} {kind}" for kind, count in counts.items())
 
 
-def _no_tetrahedra(blocks: list[tuple[str, Any]], source: str) -> str:
-    counts = {kind: sum(len(data) for other, data in blocks if other == kind) for kind, _ in blocks}
-    counts = {kind: count for kind, count in counts.items() if count}
-    found = _inventory(counts) or "no cells at all"
-    if (
-        counts
-        and all(LINEAR.get(kind, (0, 3))[1] <= 2 for kind in counts)
-        and any("triangle" in kind for kind in counts)
-    ):
+def _no_solids(raw: RawMesh, source: str) -> str:
+    counts = _counts(raw)
+    found = _inventory(counts | raw.left_out) or "no cells at all"
+    if any(dimension(kind) == 2 for kind in counts) and all(dimension(kind) is not None for kind in counts):
         return (
             f"no tetrahedra in {source}: it holds a surface ({found}), which has no volume: fill a convex one with "
             f"jaxfem.mesh.from_convex_surface(*jaxfem.mesh.read_surface({source!r})), or mesh its volume with a mesher "

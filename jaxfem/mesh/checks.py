@@ -15,13 +15,19 @@ EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 CELL_ADVICE = {
     3: "these are triangles, a surface without volume: see jaxfem.mesh.from_convex_surface, or mesh the volume",
-    8: "these are hexahedra: split them into tetrahedra (jaxfem.mesh.box does it for boxes) or mesh with tetrahedra",
+    8: 'these are hexahedra: jaxfem.mesh.from_cells(points, {"hexahedron": cells}) cuts them into tetrahedra',
+    6: 'these are wedges: jaxfem.mesh.from_cells(points, {"wedge": cells}) cuts them into tetrahedra',
+    5: 'these are pyramids: jaxfem.mesh.from_cells(points, {"pyramid": cells}) cuts them into tetrahedra',
     10: "these are quadratic tetrahedra: use only the first four columns, cells[:, :4], through TetMesh.repaired",
 }
 
 
 class MeshError(ValueError):
     """A mesh that cannot be used; the message names the node or element and says what to do."""
+
+
+class MeshWarning(UserWarning):
+    """A mesh that can be used, but is likely not what was meant: torn along seams, in another unit, in part."""
 
 
 def listed(numbers: Sequence[int] | Ints, limit: int = 8) -> str:

@@ -7,10 +7,10 @@ import numpy as np
 
 from .checks import Floats, Ints, edge_lengths, listed, signed_volumes
 from .tet import TetMesh
-from .topology import components, element_faces, face_counts, triangle_edge_counts
+from .topology import components, dihedral_angles, element_faces, face_counts, triangle_edge_counts
+from .troubles import coincident, troubles
 
 WORST = 5  # elements named in the report
-POOR_ANGLE = 5.0  # degrees
 
 
 @dataclasses.dataclass(frozen=True)
@@ -20,7 +20,7 @@ class QualityReport:
     shape is three times inscribed over circumscribed radius: 1 for a regular tetrahedron, 0 for a flat one; worst holds
     the numbers of the elements with the smallest. closed_surface: two triangles meet at every surface edge, so nothing
     hangs together by an edge alone. coincident_nodes lie on top of another node; shared_too_often counts faces of more
-    than two elements (elements that overlap).
+    than two elements (elements that overlap). troubles: what `build` warns of too.
     """
 
     name: str
@@ -43,6 +43,7 @@ class QualityReport:
     closed_surface: bool
     coincident_nodes: int
     shared_too_often: int
+    troubles: tuple[str, ...]
     face_groups: dict[str, int]
     node_groups: dict[str, int]
     cell_groups: dict[str, int]
@@ -70,19 +71,9 @@ class QualityReport:
 
     def warnings(self) -> tuple[str, ...]:
         """What may spoil a simulation on this mesh, one sentence each; empty for a good one."""
-        found = []
-        if self.min_dihedral < POOR_ANGLE:
-            found.append(
-                f"element {self.worst[0]} is nearly flat (smallest angle {self.min_dihedral:.2g} degrees): remesh"
-            )
-        if self.components > 1:
-            found.append(f"the mesh falls into {self.components} parts that share no node")
+        found = list(self.troubles)
         if not self.closed_surface:
             found.append("parts of the mesh hang together by an edge alone, or faces inside do not match")
-        if self.coincident_nodes:
-            found.append(
-                f"{self.coincident_nodes} nodes lie on top of another: merge them if the parts are meant to join"
-            )
         if self.shared_too_often:
             found.append(f"{self.shared_too_often} faces belong to more than two elements: elements overlap")
         return tuple(found)
@@ -113,8 +104,9 @@ def quality(mesh: TetMesh) -> QualityReport:
         surface_triangles=len(mesh.surface),
         surface_area=float(_areas(mesh.points, mesh.surface).sum()),
         closed_surface=bool((triangle_edge_counts(mesh.surface) == 2).all()),
-        coincident_nodes=_coincident(mesh.points),
+        coincident_nodes=coincident(mesh.points, float(lengths.min())),
         shared_too_often=int((np.unique(face_counts(element_faces(mesh.cells))[0], return_counts=True)[1] > 2).sum()),
+        troubles=troubles(mesh),
         face_groups={name: len(faces) for name, faces in mesh.face_groups.items()},
         node_groups={name: len(nodes) for name, nodes in mesh.node_groups.items()},
         cell_groups={name: len(cells) for name, cells in mesh.cell_groups.items()},
@@ -122,22 +114,11 @@ def quality(mesh: TetMesh) -> QualityReport:
     )
 
 
-def report_text(path: str | os.PathLike[str], scale: float = 1.0) -> str:
+def report_text(path: str | os.PathLike[str], scale: float | None = None, *, merge: bool | float = False) -> str:
     """The report on a mesh file for a terminal; errors as for `read`."""
     from .files import read
 
-    return quality(read(path, scale=scale)).text()
-
-
-def dihedral_angles(points: Floats, cells: Ints) -> Floats:
-    """The six angles (m, 6) between the faces of each element, in degrees."""
-    corners = points[element_faces(cells)].reshape(len(cells), 4, 3, 3)
-    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
-    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
-    first, second = np.triu_indices(4, 1)
-    cosines = -np.einsum("mpi,mpi->mp", normals[:, first], normals[:, second])  # both normals point outward
-    angles: Floats = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
-    return angles
+    return quality(read(path, scale=scale, merge=merge)).text()
 
 
 def shapes(points: Floats, cells: Ints) -> Floats:
@@ -156,11 +137,3 @@ def _areas(points: Floats, triangles: Ints) -> Floats:
     a, b, c = (points[triangles[:, i]] for i in range(3))
     areas: Floats = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
     return areas
-
-
-def _coincident(points: Floats) -> int:
-    """Nodes that have another within rounding of the mesh's size."""
-    from scipy.spatial import cKDTree  # slow to import: only where it is used
-
-    limit = 1e-12 * float(np.linalg.norm(np.ptp(points, axis=0)))
-    return int((cKDTree(points).query(points, k=2)[0][:, 1] <= limit).sum())

@@ -34,6 +34,8 @@ def cleaned(
     new = np.full(len(points), -1, dtype=np.int64)
     new[nodes] = np.arange(len(nodes))
     kept_cells = new[kept_cells]
+    first = checks.first_equal(cells)  # an element that is there twice belongs to the groups of both
+    by_number = named.checked_numbers(cell_groups, len(cells), "cell", name)
     faces, dropped_faces = named.renumbered_faces(face_groups, nodes, len(points), kept_cells, name)
     dropped_nodes = _note(idle, "node", "without an element")
     return (
@@ -42,7 +44,7 @@ def cleaned(
         name,
         faces,
         named.renumbered(node_groups, nodes, len(points), "node", name),
-        named.renumbered(cell_groups, keep, len(cells), "cell", name),
+        named.renumbered({key: first[own] for key, own in by_number.items()}, keep, len(cells), "cell", name),
         (*notes, *dropped_elements, *flips, *dropped_nodes, *dropped_faces),
     )
 

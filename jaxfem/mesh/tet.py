@@ -71,11 +71,20 @@ class TetMesh:
 
         Dropped are elements that name a node twice, are flat, or are there twice, then nodes that no element uses;
         groups are renumbered. Element and node numbers in the notes are those of the input. Coincident nodes stay
-        apart: the quality report counts them. MeshError for what has no repair (shapes, NaN, unknown nodes).
+        apart: `merged` joins them. MeshError for what has no repair (shapes, NaN, unknown nodes).
         """
         from .repair import cleaned
 
         return cls(*cleaned(points, cells, name, face_groups or {}, node_groups or {}, cell_groups or {}, notes))
+
+    def merged(self, distance: float = 0.0) -> "TetMesh":
+        """The mesh with nodes at most `distance` [m] apart made one (0: those within rounding); `notes` says how many.
+
+        Groups follow; elements that lose their volume by it are dropped, as `repaired` does.
+        """
+        from .seams import merged_nodes
+
+        return merged_nodes(self, distance)
 
     def __repr__(self) -> str:
         nodes, elements = len(self.points), len(self.cells)

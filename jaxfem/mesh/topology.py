@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .checks import EDGES, Ints, first_equal
+from .checks import EDGES, Floats, Ints, first_equal
 
 FACES = np.array([[1, 2, 3], [0, 3, 2], [0, 1, 3], [0, 2, 1]])  # face i is opposite node i, its normal points outward
 
@@ -38,12 +38,20 @@ def triangle_edge_counts(triangles: Ints) -> Ints:
 
 def components(cells: Ints, nodes: int) -> int:
     """Number of parts that hang together through shared nodes (unused nodes count as a part each)."""
-    from scipy.sparse import coo_matrix  # here, as it takes long to import and few programs ask for this
-    from scipy.sparse.csgraph import connected_components
+    return len(np.unique(first_of_each(nodes, cells[:, [[0, 1], [0, 2], [0, 3]]].reshape(-1, 2))))
 
-    pairs = cells[:, [[0, 1], [0, 2], [0, 3]]].reshape(-1, 2)
-    graph = coo_matrix((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(nodes, nodes))
-    return int(connected_components(graph, directed=False)[0])
+
+def first_of_each(count: int, pairs: Ints) -> Ints:
+    """For each of `count` nodes (n,) the least of those that pairs (k, 2) tie it to, directly or in a chain."""
+    least = np.arange(count)
+    while True:
+        lower = least[pairs].min(axis=1)
+        new = least.copy()
+        np.minimum.at(new, pairs.ravel(), lower.repeat(2))
+        new = new[new]
+        if (new == least).all():
+            return least
+        least = new
 
 
 def oriented_like(faces: Ints, element_faces: Ints) -> tuple[Ints, Ints]:
@@ -56,3 +64,14 @@ def oriented_like(faces: Ints, element_faces: Ints) -> tuple[Ints, Ints]:
     matched = faces.copy()
     matched[found] = element_faces[first[found]]
     return matched, np.flatnonzero(~found)
+
+
+def dihedral_angles(points: Floats, cells: Ints) -> Floats:
+    """The six angles (m, 6) between the faces of each element, in degrees."""
+    corners = points[element_faces(cells)].reshape(len(cells), 4, 3, 3)
+    normals = np.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
+    normals /= np.linalg.norm(normals, axis=-1, keepdims=True)
+    first, second = np.triu_indices(4, 1)
+    cosines = -np.einsum("mpi,mpi->mp", normals[:, first], normals[:, second])  # both normals point outward
+    angles: Floats = np.degrees(np.arccos(np.clip(cosines, -1.0, 1.0)))
+    return angles

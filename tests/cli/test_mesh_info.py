@@ -40,3 +40,14 @@ def test_as_a_program():
     command = [sys.executable, "-m", "jaxfem.cli.main", "mesh", "info", "none.msh"]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 2 and done.stdout == "" and "jaxfem: error: no mesh file none.msh" in done.stderr
+
+
+def test_merge(tmp_path, capsys):
+    box = jf.mesh.box((0.1, 0.1, 0.1), 1)
+    points, cells = [*box.points, *box.points], box.cells
+    jf.mesh.write(tmp_path / "two.vtu", jf.TetMesh(points, [*cells, *(cells + 8)]))
+    assert main(["mesh", "info", str(tmp_path / "two.vtu")]) == 0
+    assert "16 nodes lie on top of another" in capsys.readouterr().out
+    assert main(["mesh", "info", str(tmp_path / "two.vtu"), "--merge"]) == 0
+    said = capsys.readouterr().out
+    assert "note: 8 nodes were merged" in said and "warning" not in said

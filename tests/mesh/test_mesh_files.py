@@ -92,12 +92,6 @@ def test_gmsh_41_groups(tmp_path):
     assert mesh.faces("base").tolist() == [[0, 2, 1]] and mesh.cell_groups["rubber"].tolist() == [0]
 
 
-def test_gmsh_41_with_an_entity_in_no_group_gets_advice(tmp_path):
-    (tmp_path / "part.msh").write_text(GMSH41.replace("1 0 0 0 1 1 1 1 2 0", "1 0 0 0 1 1 1 0 0"))
-    with pytest.raises(MeshError, match=r"save it as version 2\.2"):
-        read(tmp_path / "part.msh")
-
-
 def test_tetgen_files_from_one_with_markers_and_comments(tmp_path):
     (tmp_path / "a.node").write_text("# nodes\n4 3 0 1\n1 0 0 0 5\n2\t1 0 0 5 # two\n3 0 1 0 5\n4 0 0 1 0\n# end\n")
     (tmp_path / "a.ele").write_text("1 4 1\n1 1 2 3 4 1.0\n")
@@ -146,7 +140,7 @@ def test_mixed_quadratic_and_dirty_cells(tmp_path):
     assert mesh.volume == pytest.approx(1 / 3) and len(mesh.points) == 5
     text = "; ".join(mesh.notes)
     for part in (
-        "1 quadratic elements were made linear",
+        "1 quadratic element was made linear",
         "left out: 1 quad",
         "flipped: 1",
         "earlier one was dropped: 2",
@@ -155,12 +149,16 @@ def test_mixed_quadratic_and_dirty_cells(tmp_path):
     assert "6 nodes without an element were dropped: 4, 5" in text
 
 
-def test_files_without_tetrahedra(tmp_path):
+def test_files_without_a_volume(tmp_path):
     cube = box((1.0, 1.0, 1.0), 1).points[[0, 4, 6, 2, 1, 5, 7, 3]]
-    meshio.Mesh(cube, [("hexahedron", [list(range(8))]), ("quad", [[0, 1, 2, 3]])]).write(tmp_path / "hexa.vtk")
-    with pytest.raises(MeshError, match=r"no tetrahedra in .*hexa.vtk: found 1 hexahedron, 1 quad; mesh the volume"):
-        read(tmp_path / "hexa.vtk")
-    assert read_surface(tmp_path / "hexa.vtk")[1].shape == (2, 3)
+    for name, quads in (("shell.vtk", [[0, 1, 2, 3], [4, 5, 6, 7]]), ("shell.vtu", [[0, 1, 2, 3]])):
+        meshio.Mesh(cube, [("quad", quads)]).write(tmp_path / name)
+        with pytest.raises(MeshError, match=r"holds a surface \(\d quad\), which has no volume"):
+            read(tmp_path / name)
+        assert read_surface(tmp_path / name)[1].shape == (2 * len(quads), 3)
+    meshio.Mesh(cube, [("line", [[0, 1]])]).write(tmp_path / "wire.vtu")
+    with pytest.raises(MeshError, match=r"no tetrahedra in .*wire.vtu: found 1 line; mesh the volume"):
+        read(tmp_path / "wire.vtu")
 
 
 def test_surface_files(tmp_path):

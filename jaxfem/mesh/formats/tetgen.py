@@ -1,23 +1,18 @@
 """TetGen's text files: .node and .ele, and .face where there is one."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import Floats, Ints, MeshError
-
-if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
-    import meshio
+from ..checks import Floats, Ints, MeshError
+from ..raw import RawMesh, sets_of_tags
 
 
-def read_tetgen(path: Path) -> "meshio.Mesh":
+def read_tetgen(path: Path) -> RawMesh:
     """The mesh of NAME.node and NAME.ele, whichever is given, with boundary markers from NAME.face.
 
-    Markers and regions become cell data "tetgen:ref". FileNotFoundError when one of the two is missing.
+    Markers and regions become sets. FileNotFoundError when one of the two is missing.
     """
-    import meshio
-
     node_file, element_file, face_file = (path.with_suffix(suffix) for suffix in (".node", ".ele", ".face"))
     for needed in (node_file, element_file):
         if not needed.exists():
@@ -39,7 +34,7 @@ def read_tetgen(path: Path) -> "meshio.Mesh":
         if len(faces):
             blocks.append(("triangle", faces[:, 1:4].astype(np.int64) - base))
             refs.append(_column(faces, 4))
-    return meshio.Mesh(nodes[:, 1:4], blocks, cell_data={"tetgen:ref": refs})
+    return RawMesh(nodes[:, 1:4], blocks, sets_of_tags(blocks, refs, {}))
 
 
 def _column(rows: Floats, number: int) -> Ints:

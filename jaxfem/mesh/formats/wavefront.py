@@ -2,20 +2,15 @@
 
 from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from .checks import MeshError
-
-if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
-    import meshio
+from ..checks import MeshError
+from ..raw import RawMesh
 
 
-def read_obj(path: Path) -> "meshio.Mesh":
+def read_obj(path: Path) -> RawMesh:
     """The surface of an .obj file, faces with more than three corners cut into a fan of triangles."""
-    import meshio
-
     points: list[list[float]] = []
     triangles: list[tuple[int, int, int]] = []
     for number, line in enumerate(path.read_text(errors="replace").splitlines(), start=1):
@@ -36,4 +31,4 @@ def read_obj(path: Path) -> "meshio.Mesh":
     faces = np.array(triangles, dtype=np.int64).reshape(-1, 3)
     if len(faces) and (faces.min() < 0 or faces.max() >= len(places)):
         raise MeshError(f"cannot read {path}: a face uses a point that does not exist (there are {len(places)})")
-    return meshio.Mesh(places, [("triangle", faces)])
+    return RawMesh(places, [("triangle", faces)])
