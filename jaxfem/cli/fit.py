@@ -87,6 +87,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "loss": result.loss,
         "residual_rms_m": result.noise,
         "release_s": result.release,
+        "release_interval_s": list(result.release_interval),
         "samples": len(result.times),
         "markers": list(result.markers),
         "simulations": len(result.history),

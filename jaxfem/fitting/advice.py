@@ -7,7 +7,7 @@ import numpy as np
 
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.statistics import OPEN_CORRELATION, Uncertainty, ringing_frequency
-from jaxfem.fitting.unknowns import Unknowns
+from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import ratio_and_modulus
@@ -32,7 +32,7 @@ def advice(
         *_at_bounds(unknowns, z),
         *_open_unknowns(unknowns, uncertainty),
         *_doubtful(unknowns, z),
-        *_samples(measured, uncertainty),
+        *_samples(measured, unknowns, uncertainty),
     ]
     if step_failures:
         texts.append(
@@ -119,8 +119,14 @@ def _doubtful(unknowns: Unknowns, z: np.ndarray) -> list[str]:
     return texts
 
 
-def _samples(measured: Measurement, uncertainty: Uncertainty) -> list[str]:
+def _samples(measured: Measurement, unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
     texts: list[str] = []
+    begins, low, high = measured.begins
+    if high > low and DELAY not in unknowns.constants:
+        texts.append(
+            f"the release was found at {begins:g} s and may lie from {low:g} to {high:g} s: error bars know nothing of "
+            'that. Fit "delay" too, or give release = TIME'
+        )
     if measured.left_out:
         listed: Sequence[str] = measured.left_out
         texts.append(f"{', '.join(listed)}: never seen before the release, so left out of the displacements")

@@ -8,7 +8,8 @@ import numpy as np
 from jaxfem.declared.errors import checked_choice
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.frames import check_frame, rigid_fit
-from jaxfem.fitting.recording import FEW, Recording, release_row, settled_row
+from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.release import FEW, found_release, settled_row
 
 FRAMES = ("none", "rest", "all")
 COMPARISONS = ("displacement", "position")
@@ -19,7 +20,8 @@ SLACK = 1e-6  # of the sample spacing
 class Measurement:
     """Samples from the release on: `times` (T,) [s] since then, `positions` (T, M, 3) [m], `seen` (T, M), `origin` (M,
     3) the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
-    names markers without an origin; `free_origin`: it is no better known than any sample, and found with the fit."""
+    names markers without an origin; `free_origin`: it is no better known than any sample, and found with the fit;
+    `begins` (3,): time of the release in the recording [s], and the interval that holds it."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -29,6 +31,7 @@ class Measurement:
     spacing: float
     left_out: tuple[str, ...] = ()
     free_origin: bool = False
+    begins: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @property
     def displacement_scale(self) -> float:
@@ -46,7 +49,7 @@ def measurement(
     """
     checked_choice("frame", frame, FRAMES, FitError)
     checked_choice("compare", compare, COMPARISONS, FitError)
-    first = release_index(recording, release)
+    first, earliest, latest = release_index(recording, release)
     last = _end(recording, end, first)
     if last - first < 2:
         raise FitError(
@@ -75,22 +78,28 @@ def measurement(
     times = recording.times[first:last] - recording.times[first]
     filled = np.where(seen[..., None], positions, 0.0)
     left_out = tuple(name for name, there in zip(recording.names, known, strict=True) if not there)
-    return Measurement(times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin)
+    times_of = recording.times
+    begins = (float(times_of[first]), float(times_of[earliest]), float(times_of[latest]))
+    return Measurement(
+        times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin, begins
+    )
 
 
-def release_index(recording: Recording, release: Any) -> int:
-    """The row of the release: found, or the one at the time that `release` gives [s]."""
+def release_index(recording: Recording, release: Any) -> tuple[int, int, int]:
+    """The row of the release, found or at the time that `release` gives [s], and the first and last that it may be."""
     if isinstance(release, str):
         if release != "auto":
             raise FitError(f'release is {release!r}; give "auto" or a time in s')
-        return release_row(recording)
+        found = found_release(recording)
+        return found.row, found.low, found.high
     slack = SLACK * recording.spacing
     if not recording.times[0] - slack <= release <= recording.times[-1]:
         raise FitError(
             f"release = {release:g} s is outside the recording, which runs from {recording.times[0]:g} to "
             f"{recording.times[-1]:g} s"
         )
-    return int(np.searchsorted(recording.times, release - slack))
+    row = int(np.searchsorted(recording.times, release - slack))
+    return row, row, row
 
 
 def _end(recording: Recording, end: Any, first: int) -> int:

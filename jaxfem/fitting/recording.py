@@ -11,8 +11,6 @@ import numpy as np
 from jaxfem.fitting.errors import FitError
 
 AXES = ("x", "y", "z")
-STILL = 0.05  # share of the largest excursion that the still rows before the release stay below
-FEW = 3  # still rows; with fewer, the recording is taken to start at the release
 
 
 @dataclasses.dataclass(frozen=True)
@@ -124,38 +122,3 @@ def write_recording(path: Any, recording: Recording, digits: int = 9) -> None:
         for time, row in zip(recording.times, recording.positions, strict=True):
             cells = ["" if np.isnan(value) else f"{value:.{digits}g}" for value in row.ravel()]
             writer.writerow([f"{time:.{digits}g}", *cells])
-
-
-def release_row(recording: Recording) -> int:
-    """The last still row: the markers' mean distance from their first places then leaves 5 % of its largest value.
-
-    0 where fewer than three still rows come first: the recording is then taken to begin at the release. FitError where
-    the markers never move.
-    """
-    distance = _excursion(recording)
-    largest = distance.max()
-    if largest <= 0:
-        raise FitError("the markers do not move at all: there is no release to be found")
-    moving = int(np.argmax(distance > STILL * largest))
-    return moving - 1 if moving > FEW else 0
-
-
-def settled_row(recording: Recording) -> int:
-    """The first row from which the markers stay within 5 % of the largest excursion of their last places."""
-    backwards = Recording(-recording.times[::-1], recording.positions[::-1], recording.names)
-    distance = _excursion(backwards)
-    moving = int(np.argmax(distance > STILL * max(distance.max(), np.finfo(float).tiny)))
-    return len(recording.times) - moving
-
-
-def _excursion(recording: Recording) -> np.ndarray:
-    """Root mean square distance of the markers from where they stand in the first rows, (T,)."""
-    first = np.empty(recording.positions.shape[1:])
-    for marker, seen in enumerate(recording.seen.T):
-        rows = np.flatnonzero(seen)[:FEW]
-        if not rows.size:
-            raise FitError(f'marker "{recording.names[marker]}" has no sample at all: leave it out')
-        first[marker] = np.median(recording.positions[rows, marker], axis=0)
-    square = ((recording.positions - first) ** 2).sum(axis=-1)
-    count = np.maximum(recording.seen.sum(axis=1), 1)
-    return np.asarray(np.sqrt(np.nansum(np.where(recording.seen, square, np.nan), axis=1) / count))

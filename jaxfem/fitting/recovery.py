@@ -10,7 +10,7 @@ from jaxfem.fitting.advice import advice, text_of
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress, Visit
 from jaxfem.fitting.markers import Markers, attach, marker_positions
-from jaxfem.fitting.measurement import Measurement, measurement, release_index
+from jaxfem.fitting.measurement import Measurement, measurement
 from jaxfem.fitting.objective import Outcome, Plan, make_problem
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.search import Search, find, levenberg_marquardt
@@ -40,10 +40,10 @@ class FitResult:
     `constants`: those fitted, with their units; `values` and `standard_errors` by their names (Pa, s, kg/m^3);
     `correlation` (P, P) in the order of `values`; `params`: the scene's with the values in; `loss`: mean square
     residual over sigma^2, or over the mean square motion where no sigma was given; `noise` [m]: root mean square
-    residual of a coordinate; `times` (T,) [s] since the release at `release` [s] of the recording; `residuals`
-    (simulated less measured, NaN where missing), `simulated`, `measured` (T, M, 3) [m] in the body's frame; `markers`:
-    names; `history`: every evaluation; `status`: "converged", "iteration limit", "steps failed" or "interrupted";
-    `warnings`: what may make the values wrong.
+    residual of a coordinate; `times` (T,) [s] since the release at `release` [s] of the recording, which lies in
+    `release_interval` [s] with 95 %; `residuals` (simulated less measured, NaN where missing), `simulated`, `measured`
+    (T, M, 3) [m] in the body's frame; `markers`: names; `history`: every evaluation; `status`: "converged", "iteration
+    limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong.
     """
 
     constants: tuple[Constant, ...]
@@ -55,6 +55,7 @@ class FitResult:
     noise: float
     times: np.ndarray
     release: float
+    release_interval: tuple[float, float]
     residuals: np.ndarray
     simulated: np.ndarray
     measured: np.ndarray
@@ -133,10 +134,9 @@ def fit(
     warnings = advice(
         model, found, unknown, z, spread, measured, simulated, dt, int(outcome.status != 0) and evaluator.step_failures
     )
-    begun = float(recording.times[release_index(recording, release)])
     if status == "converged" and int(outcome.status) != 0:
         status = "steps failed"
-    return _result(evaluator, z, spread, outcome, found, measured, status, warnings, begun)
+    return _result(evaluator, z, spread, outcome, found, measured, status, warnings)
 
 
 def _unknowns(
@@ -212,7 +212,6 @@ def _result(
     measured: Measurement,
     status: str,
     warnings: tuple[str, ...],
-    release: float,
 ) -> FitResult:
     errors = np.abs(evaluator.unknowns.slopes(z)) * np.sqrt(np.diag(spread.covariance))
     seen = measured.seen[..., None]
@@ -229,7 +228,8 @@ def _result(
         loss=last,
         noise=float(np.sqrt(np.nansum((simulated - shown) ** 2) / count)),
         times=measured.times,
-        release=release,
+        release=measured.begins[0],
+        release_interval=measured.begins[1:],
         residuals=simulated - shown,
         simulated=simulated,
         measured=shown,
