@@ -71,8 +71,9 @@ class State(Pytree):
     `rigid`: poses and velocities of rigid bodies, None without them. `memory`: what the method keeps from one step to
     the next, its own affair; `jf.impulses` reads the impulses in it. It starts the solver, and affects a solution only
     through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
-    (see `system/coupled.py`). `internal`: what materials with a memory remember, one entry for each kind of domains;
-    None without such materials. `carry`: digits that single precision drops in short steps; None in double.
+    (see `system/coupled.py`), and through the force that a body feels as it is struck (see `system/impacts.py`).
+    `internal`: what materials with a memory remember, one entry for each kind of domains; None without such materials.
+    `carry`: digits that single precision drops in short steps; None in double.
     """
 
     positions: Array = dataclasses.field(metadata=within())

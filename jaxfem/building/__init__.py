@@ -2,6 +2,7 @@
 
 from jaxfem.building.build import build
 from jaxfem.building.choose import ROTATION_UPDATES
+from jaxfem.building.overlaps import OverlapWarning
 from jaxfem.building.soft import AccuracyWarning
 
-__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "build"]
+__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "OverlapWarning", "build"]

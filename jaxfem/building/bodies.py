@@ -23,6 +23,7 @@ class BodyIndex:
     ):
         self.soft, self.rigid = list(soft), list(rigid)
         self.offsets = np.cumsum([0] + [len(each.mesh.points) for each in soft])
+        self._names = {"soft": list(soft_names), "rigid": list(names)}
         self._by_object = {id(body): ("soft", i) for i, body in enumerate(soft)}
         self._by_object |= {id(body): ("rigid", i) for i, body in enumerate(rigid)}
         self._by_name = {name: ("soft", i) for i, name in enumerate(soft_names)}
@@ -43,6 +44,10 @@ class BodyIndex:
             shown = f'"{body}"' if isinstance(body, str) else f"a {type(body).__name__}"
             raise SceneError(f"{where} names {shown}, which is not a body of the scene: it holds {names}")
         return found
+
+    def name(self, kind: str, number: int) -> str:
+        """The name of a "soft" or "rigid" body."""
+        return self._names[kind][number]
 
     def point(self, body: Any, place: Any, where: str) -> Point:
         """The material point of a body at a world place (3,) at the start."""

@@ -32,7 +32,8 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
         meeting = meeting_of(contact, index, where)
         for candidates in (each for make in MAKERS for each in make(meeting)):
             count = len(candidates.margin)
-            values = ContactValues(np.full(count, contact.friction), np.full(count, contact.restitution))
+            numbers = contact.friction, contact.restitution, meeting.separation
+            values = ContactValues(*(np.full(count, each) for each in numbers))
             label = f"{'rough' if candidates.rough else 'smooth'} {candidates.kind}"
             if candidates.alone:
                 label = f"{label} {name}"

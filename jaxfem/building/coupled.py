@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex, rigid_parts
 from jaxfem.building.contacts import contact_parts
+from jaxfem.building.overlaps import warn_of_overlaps
 from jaxfem.building.row_groups import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.declared.scene import Scene, SoftBody
@@ -39,6 +40,8 @@ def with_coupling(
         model = model.replace(islands=_islands(scene, index))
     if model.scheme.restarts:
         model = model.replace(node_group=_tied(scene, index)[model.node_body])
+    if contacts:
+        warn_of_overlaps(scene.contacts, index, model, roughness, state)
     return model, params.replace(joints=softness, contacts=roughness), state
 
 

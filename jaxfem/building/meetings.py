@@ -54,6 +54,12 @@ class Meeting(NamedTuple):
         return self.contact.nodes is not None or self.contact.surface is not None
 
     @property
+    def separation(self) -> float:
+        """The contact's own, else a's size in a second [m/s]."""
+        given = self.contact.separation
+        return _size(self.bodies, self.a) if given is None else float(given)
+
+    @property
     def rough(self) -> bool:
         """Whether there is friction."""
         return float(self.contact.friction) > 0

@@ -21,7 +21,8 @@ class Contact:
     Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
     `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after an impact over speed before.
     `margin` [m]: pairs further apart than this, beyond what they approach within the step, take no part (a twentieth of
-    a's size without it). Raises SceneError.
+    a's size without it). `separation` [m/s]: at most so fast are partners moved apart that are inside each other (a's
+    size in a second without it); what is deep keeps none of that speed. Raises SceneError.
     """
 
     a: Any = field(metadata=takes(Text()))
@@ -29,6 +30,7 @@ class Contact:
     friction: float = field(default=0.5, metadata=takes(Number()))
     restitution: float = field(default=0.0, metadata=takes(Number()))
     margin: float | None = field(default=None, metadata=takes(Number("m", positive=True, optional=True)))
+    separation: float | None = field(default=None, metadata=takes(Number("m/s", positive=True, optional=True)))
     nodes: Any = field(default=None, metadata=takes(Nodes(optional=True)))
     surface: Any = field(default=None, metadata=takes(Vertices(optional=True)))
     name: str | None = field(default=None, metadata=takes(Text(optional=True)))
@@ -43,8 +45,9 @@ class Contact:
         checked_number(f'restitution of "{self.label}"', self.restitution, low=0, high=1)
         if self.nodes is not None and self.surface is not None:
             raise SceneError(f'"{self.label}" has both nodes and surface: give the points that touch once')
-        if self.margin is not None:
-            checked_number(f'margin of "{self.label}"', self.margin, low=0, open_low=True)
+        for what in ("margin", "separation"):
+            if getattr(self, what) is not None:
+                checked_number(f'{what} of "{self.label}"', getattr(self, what), low=0, open_low=True)
 
     @property
     def label(self) -> str:

@@ -2,10 +2,11 @@
 
 A normal row keeps the gap g of a pair from closing within the step (it acts before they touch, so nothing tunnels):
     J v - c  complementary to  lam >= 0,   c = -g / dt  for g >= 0,   -PUSH g / dt  for g < 0,
-or c = -e (J v)_old, if larger, where an impact is due; where rigid bodies meet, `system/impacts.py` knows better.
-Friction rows are bounded by mu times the normal impulse; the route sees to that. A pair that meets after the share t of
-the step goes on freely until then: J v - t J v* = 0 where it sticks, and what is left of its sliding, with what is left
-of the normal velocity, is the next step's. Pairs that cannot meet are switched off by a zero row.
+the latter at most the pair's `separation` speed, or c = -e (J v)_old, if larger, where an impact is due; where rigid
+bodies meet, `system/impacts.py` knows better. Friction rows are bounded by mu times the normal impulse; the route sees
+to that. A pair that meets after the share t of the step goes on freely until then: J v - t J v* = 0 where it sticks,
+and what is left of its sliding, with what is left of the normal velocity, is the next step's. Pairs that cannot meet
+are switched off by a zero row.
 """
 
 import dataclasses
@@ -23,14 +24,33 @@ from jaxfem.rows.triangles import gap_from, nearest_triangle
 Array = jax.Array
 
 PUSH = 0.2
-"""Share of a penetration that a step takes back: all at once would throw bodies that start inside each other."""
+"""Share of a penetration that a step takes back."""
+DEEP = 1e-3
+"""Of the margin: pairs inside each other by more lose the speed with which they were moved apart."""
+
+
+ASIDE, EDGE = 0.01, 0.9
+"""Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
+the two normals below which there is an edge in between."""
 
 
 class ContactValues(Pytree):
-    """What users differentiate of m candidates: `friction` (m,) and `restitution` (m,)."""
+    """What users differentiate of m candidates: `friction` (m,), `restitution` (m,) and `separation` (m,) [m/s], the
+    speed with which what is inside each other is moved apart at most."""
 
     friction: Any = dataclasses.field(metadata=within(low=0))
     restitution: Any = dataclasses.field(metadata=within(low=0, high=1))
+    separation: Any = dataclasses.field(metadata=within(low=0, open_low=True, infinite=True))
+
+
+class Gaps(Pytree):
+    """What one-sided rows (m, r) wait for: `gap` [m or rad] to their bound, and (m, 1) `restitution`, `near` [m], the
+    gap below which they touch, and `brake` [m/s], the speed apart that they may take away, of what is deep."""
+
+    gap: Array
+    restitution: Array
+    near: Array
+    brake: Array | None = None
 
 
 class Pairs(Pytree):
@@ -96,6 +116,8 @@ class ShapeContacts(Candidates):
         """The normal is the gradient of the distance; both sides push at the middle of the gap, or at a's node."""
         placed = self.points.placed(at)
         gap, normal = self._distance(placed.position, at)
+        if isinstance(self.points, RigidPoint) and self.body is not None:
+            gap, normal = self._at_edges(gap, normal, placed.position, self.points, at)
         gap = gap - self.radius
         if isinstance(self.points, RigidPoint):
             middle = placed.position - normal * (self.radius + gap / 2)[:, None]
@@ -103,6 +125,17 @@ class ShapeContacts(Candidates):
         if self.body is None:
             return Pairs(gap, normal, placed)
         return Pairs(gap, normal, difference(moving_with_body(at, self.body, placed.position), placed))
+
+    def _at_edges(
+        self, gap: Array, normal: Array, places: Array, points: RigidPoint, at: Configuration
+    ) -> tuple[Array, Array]:
+        """Gap and normal of corners at an edge, where rounding would choose among its faces: those of the face above
+        which the corner's own body is. That is the one nearest to a point a little further inside of that body."""
+        inside = ASIDE * (at.centers[points.body] - places) * (self.radius == 0)[:, None]
+        there, leaning = self._distance(places + inside, at)
+        edge = jnp.sum(normal * leaning, -1) < EDGE
+        face = there - jnp.sum(leaning * inside, -1)
+        return jnp.where(edge, face, gap), jnp.where(edge[:, None], leaning, normal)
 
     def _distance(self, places: Array, at: Configuration) -> tuple[Array, Array]:
         def one(shape: Any, place: Array) -> Array:
@@ -146,8 +179,8 @@ class SurfaceContacts(Candidates):
 
 def contact_rows(
     candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, free: Array
-) -> tuple[PointRows, PointRows | None, Array]:
-    """Normal rows (m, 1), tangential rows (m, 2), None where nothing is rough, and gaps (m, 1) [m].
+) -> tuple[PointRows, PointRows | None, Gaps]:
+    """Normal rows (m, 1), tangential rows (m, 2), None where nothing is rough, and gaps.
 
     `before` (n, 3): velocities at the start of the step; `free`: those that it would end with without any row.
     """
@@ -156,7 +189,14 @@ def contact_rows(
     normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
     approach, coming = (_rates(normal, triples, v) for v in (before, free))
     on = pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) < candidates.margin
-    bias = _wanted_rate(pairs.gap, approach, coming, values.restitution, dt)
+    bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
+    deep = on & (pairs.gap < -DEEP * candidates.margin)
+    gaps = Gaps(
+        pairs.gap[:, None],
+        values.restitution[:, None],
+        DEEP * candidates.margin[:, None],
+        jnp.where(deep, jnp.clip(approach, 0, values.separation), 0)[:, None],
+    )
     zero = jnp.zeros_like(bias)[:, None]
     upright = PointRows(
         triples,
@@ -168,12 +208,12 @@ def contact_rows(
         upper=jnp.where(on[:, None], jnp.inf, 0),
     )
     if not candidates.rough:
-        return upright, None, pairs.gap[:, None]
+        return upright, None, gaps
     across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * on[:, None, None]
     none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
     way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, free)
     rough = PointRows(triples, across, none, way, unknowns=at.unknowns, lower=none, upper=none)
-    return upright, rough, pairs.gap[:, None]
+    return upright, rough, gaps
 
 
 def tangents(normal: Array) -> Array:
@@ -198,11 +238,12 @@ def _way_before(gap: Array, coming: Array, bias: Array, dt: Array) -> Array:
     return jnp.where(arriving, gap / jnp.where(arriving, -dt * coming, 1), 0)
 
 
-def _wanted_rate(gap: Array, approach: Array, coming: Array, restitution: Array, dt: Array) -> Array:
+def _wanted_rate(gap: Array, approach: Array, coming: Array, values: ContactValues, dt: Array) -> Array:
     """c of the normal rows. An impact is due where the gap would close faster than two steps of force explain.
 
     A pair that bounces turns back within the step, up to one step's way before it touches; one that does not, arrives.
     """
-    rate = -jnp.where(gap >= 0, gap, PUSH * gap) / dt
+    restitution = values.restitution
+    rate = jnp.minimum(-jnp.where(gap >= 0, gap, PUSH * gap) / dt, values.separation)
     impact = (restitution > 0) & (gap + dt * coming < 0) & (approach < -2 * jnp.abs(coming - approach))
     return jnp.where(impact, jnp.maximum(rate, -restitution * approach), rate)

@@ -19,6 +19,13 @@ Array = jax.Array
 
 STEP = Range(low=0, open_low=True, advice="must be a positive time step in seconds")
 """Of `dt`."""
+SMOOTH = Range(
+    low=0,
+    high=0,
+    advice="must be 0: these contacts were declared with friction = 0, which makes no rows for it. Declare a friction "
+    "above 0 and build again; params may then set it to any value, 0 too",
+)
+"""Of the friction of contacts without friction rows."""
 
 
 def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]:
@@ -26,6 +33,9 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
     for name, constant in model.constants.items():
         yield name, params.constants[name], constant.range
     yield from ranges_of(params.replace(constants={}))
+    for label, group in model.contacts.items():
+        if not group.rough:
+            yield f'contacts["{label}"].friction', params.contacts[label].friction, SMOOTH
 
 
 def wrong_numbers(model: Model, params: Params) -> list[tuple[str, float, str]]:

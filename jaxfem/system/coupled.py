@@ -24,11 +24,11 @@ from jaxfem.rigid.dynamics import advanced, free_spin, midway, prescribed_veloci
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.bounds import Friction
-from jaxfem.rows.contact import contact_rows
+from jaxfem.rows.contact import Gaps, contact_rows
 from jaxfem.rows.locks import Pulling
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
-from jaxfem.system.impacts import Gaps, gaps_of, island_slots, with_impacts
+from jaxfem.system.impacts import gaps_of, island_slots, with_impacts
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
 from jaxfem.tensors import inverse_blocks
 
@@ -37,8 +37,6 @@ Array = jax.Array
 
 TRACE = {True: 1e-9, False: 1e-6}
 """Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
-TOUCHING = 1e-3
-"""Of a contact's margin: gap within which bodies rest on each other."""
 STIFFNESS_ONSET = 1.0
 """dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
 
@@ -75,7 +73,7 @@ def coupled_system(
             return apply_inverse_mass(inverse, momenta)
 
         extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, pull or {}, dt)
-    hardened = OrderedDict((name, _hardened(rows, *inverse)) for name, rows in extra.items())
+    hardened = OrderedDict((name, _hardened(rows, *inverse, gaps.get(name))) for name, rows in extra.items())
     return system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
 
 
@@ -113,8 +111,9 @@ def _extra_rows(
     friction = {}
     for label, group in sorted(model.contacts.items()):
         values = params.contacts[label]
-        normal, tangent, gap = contact_rows(group, at, values, dt, velocities_of(state), unhindered)
-        gaps[contact_name(label)] = Gaps(gap, values.restitution[:, None], TOUCHING * group.margin[:, None])
+        normal, tangent, gaps[contact_name(label)] = contact_rows(
+            group, at, values, dt, velocities_of(state), unhindered
+        )
         extra[contact_name(label)] = normal
         if tangent is not None:
             friction[friction_name(label)] = Friction(values.friction, contact_name(label))
@@ -237,12 +236,17 @@ def _needed_stiffness(model: Model, pull: Mapping[str, Array], inertia: Array, d
     return share[:, None, None] * total
 
 
-def _hardened(rows: PointRows, scalar: Array, blocks: Array | None) -> PointRows:
+def _hardened(rows: PointRows, scalar: Array, blocks: Array | None, gaps: Gaps | None) -> PointRows:
     """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer.
 
     1e-9 (1e-6 in single precision) of a row's own effective inverse mass: the stiffness is that of the mass at the
-    step's frequency times 1e9. Rows that move nothing get 1.
+    step's frequency times 1e9. Rows that move nothing get 1. Contacts that are deep may pull as well, as much as it
+    takes to stop what moves apart with `gaps.brake`: speed that they got from being moved apart is no momentum.
     """
     diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
     trace = TRACE[diagonal.dtype.itemsize > 4]
-    return rows.replace(compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1))
+    rows = rows.replace(compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1))
+    if gaps is None or gaps.brake is None or rows.lower is None:
+        return rows
+    stopping = jnp.where(gaps.brake > 0, gaps.brake / jnp.where(diagonal > 0, diagonal, jnp.inf), 0)
+    return rows.replace(lower=rows.lower - stopping)

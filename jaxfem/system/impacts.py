@@ -24,8 +24,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.batching import cond_any
-from jaxfem.pytrees import Pytree
 from jaxfem.rows.bounds import Friction
+from jaxfem.rows.contact import Gaps
 from jaxfem.rows.points import PointRows
 
 Array = jax.Array
@@ -51,14 +51,6 @@ class Approach(NamedTuple):
     restitution: Array
     near: Array
     bodies: Array
-
-
-class Gaps(Pytree):
-    """What a group of one-sided rows waits for: `gap` (m, r), `restitution` (m, 1), and `near` (m, 1) [m]."""
-
-    gap: Array
-    restitution: Array
-    near: Array
 
 
 class Event(NamedTuple):
