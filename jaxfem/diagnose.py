@@ -8,6 +8,8 @@ import jax
 import numpy as np
 
 from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.rows.attachments import SoftPoint
+from jaxfem.rows.contact import ShapeContacts
 from jaxfem.solvers import Status, describe
 from jaxfem.stepping.checks import StepError, typed
 from jaxfem.stepping.values import wrong_numbers
@@ -18,9 +20,9 @@ DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over som
 
 
 class Finding(NamedTuple):
-    """One thing to look at: `kind` ("invalid", "not finite", "inverted", "fastest", "open", "deep"), the declared
-    `name` of the body, joint, contact or parameter, the `amount` (the value, nodes or bodies, elements, m/s, m or rad,
-    m), a sentence, and what to do."""
+    """One thing to look at: `kind` ("invalid", "not finite", "inverted", "fastest", "open", "deep", "inside"), the
+    declared `name` of the body, joint, contact or parameter, the `amount` (the value, nodes or bodies, elements, m/s,
+    m or rad, m, m), a sentence, and what to do."""
 
     kind: str
     name: str
@@ -187,6 +189,29 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
         advice = "see that the bodies do not start inside each other; take a smaller time step or a larger margin"
         text = f'contact "{name}" is {depth:.3g} m deep (rows "{label}")'
         yield Finding("deep", name, depth, text, advice if depth > DEEP * size else "")
+    yield from _through(model, at, DEEP * size)
+
+
+def _through(model: Model, at: Any, most: float) -> Iterator[Finding]:
+    """Soft bodies whose nodes that do not take part in a contact are further than `most` [m] beyond its shape."""
+    node_body = np.asarray(model.node_body)
+    for candidates in model.contacts.values():
+        if not (isinstance(candidates, ShapeContacts) and isinstance(candidates.points, SoftPoint)):
+            continue
+        nodes, names = np.asarray(candidates.points.nodes), np.array(candidates.names)
+        for name in dict.fromkeys(candidates.names):
+            mine = np.flatnonzero(names == name)
+            touching = np.unique(nodes[mine])
+            others = np.setdiff1d(np.flatnonzero(np.isin(node_body, node_body[touching])), touching)
+            if not len(others):
+                continue
+            gap = np.asarray(candidates.for_nodes(others, int(mine[0])).pairs(at).gap)
+            if gap.min() < -most:
+                body, depth = model.bodies[node_body[others[gap.argmin()]]], -float(gap.min())
+                count = int((gap < -most).sum())
+                text = f'{count} nodes of body "{body}" are through contact "{name}", up to {depth:.3g} m'
+                advice = f'give contact "{name}" nodes="all", so that nodes inside touch too; take a smaller time step'
+                yield Finding("inside", body, depth, text, advice)
 
 
 def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:

@@ -19,9 +19,14 @@ class BodyIndex:
     """Bodies of a scene by object or name, and attachments to them; all values are NumPy, for one joint at a time."""
 
     def __init__(
-        self, soft: Sequence[Any], soft_names: Sequence[str], rigid: Sequence[RigidBody], names: Sequence[str]
+        self,
+        soft: Sequence[Any],
+        soft_names: Sequence[str],
+        rigid: Sequence[RigidBody],
+        names: Sequence[str],
+        gravity: Any = (0.0, 0.0, 0.0),
     ):
-        self.soft, self.rigid = list(soft), list(rigid)
+        self.soft, self.rigid, self.gravity = list(soft), list(rigid), gravity
         self.offsets = np.cumsum([0] + [len(each.mesh.points) for each in soft])
         self._names = {"soft": list(soft_names), "rigid": list(names)}
         self._by_object = {id(body): ("soft", i) for i, body in enumerate(soft)}

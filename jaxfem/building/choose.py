@@ -5,14 +5,16 @@ from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.declared import SceneError
 from jaxfem.methods import METHODS, CannotServe, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
 from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
-from jaxfem.model import Choice, Model, Params, State
+from jaxfem.model import Choice, Model, Params, State, nodal_mass
 from jaxfem.system.coupled import coupled_system
 
 ROTATION_UPDATES = ("explicit", "implicit")
+OUTWEIGHED = 1e4  # masses of rigid over soft bodies
 
 
 class Built(NamedTuple):
@@ -42,12 +44,31 @@ def _many_across(built: Built) -> bool:
     return across > min(MOST_EXACT, 2 * model.nodes)
 
 
+def _outweighed(built: Built) -> bool:
+    """Whether a soft body that nothing holds is so light beside a rigid one that only rows resist its motion.
+
+    The coarse space of the nodes' preconditioner does not see rows: it takes such a body for one that flies off.
+    """
+    model, params = built.model, built.params
+    if model.rigid is None or params.rigid is None or model.drifting is None:
+        return False
+    masses = np.bincount(np.asarray(model.node_body), np.asarray(nodal_mass(model, params.density)))
+    loose = masses[np.asarray(model.drifting.loose)[: len(masses)] > 0]
+    heavy = np.asarray(params.rigid.mass)[np.asarray(model.rigid.free) > 0]
+    return len(heavy) > 0 and bool(heavy.max() > OUTWEIGHED * loose.min())
+
+
 AUTO = (
     Rule(Condensed(), lambda b: b.facts.soft and not b.facts.coupled, "soft bodies alone are solved on their nodes"),
     Rule(
         Mprgp(),
         lambda b: b.facts.soft and b.facts.tied and _many_across(b),
         "so many rows tie rigid bodies to so few nodes that all rows are solved for",
+    ),
+    Rule(
+        Mprgp(),
+        lambda b: b.facts.soft and b.facts.tied and _outweighed(b),
+        "a rigid body outweighs a loose soft one so far that all rows are solved for",
     ),
     Rule(
         Condensed(),

@@ -28,7 +28,7 @@ def with_coupling(
         return model, params, state
     _check(model, bool(rigid))
     own = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
-    index = BodyIndex(scene.soft, model.bodies, rigid, own)
+    index = BodyIndex(scene.soft, model.bodies, rigid, own, scene.gravity)
     if rigid:
         bodies, values, start = rigid_parts(rigid, own, index, dtype)
         model, params = model.replace(rigid=bodies), params.replace(rigid=values)

@@ -6,6 +6,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.embedded import embedded
+from jaxfem.building.pressed import pressed_flat
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint
@@ -126,7 +127,12 @@ def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) ->
     if contact.surface is not None:
         cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
         return Touching(SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells)))
-    chosen = body.mesh.surface_nodes if contact.nodes is None else body.nodes_of("nodes of a contact", contact.nodes)
+    if contact.nodes is not None:
+        chosen = body.nodes_of("nodes of a contact", contact.nodes)
+    elif isinstance(contact.b, Shape) and pressed_flat(body, index.gravity):
+        chosen = body.nodes_of("nodes of a contact", "all")
+    else:
+        chosen = body.mesh.surface_nodes
     if not len(chosen):
         raise SceneError(f"{where} touches with no node: its selection of nodes is empty")
     nodes = (np.asarray(chosen)[:, None] + index.offsets[number]).astype(np.int32)

@@ -14,10 +14,11 @@ class Contact:
 
     `a`: a body of the scene (the object or its name). `b`: another body, or ground: a `Plane`, a `HeightField`, a
     `SignedDistance` or another shape with a distance, at the world's origin. A soft body touches with the `nodes` of
-    its surface, or a selection ("all": those inside too, for bodies pressed so flat that these come through), or in
-    their place with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the
-    start: each moves with the element that holds it or is nearest to it. A rigid body touches with what its shape's
-    `features` lists; their sharp points touch the faces of soft bodies too.
+    its surface, or a selection ("all": those inside too, which come through ground where a body is pressed flat; where
+    its weight or its speed at the start will do that, ground has rows for all without being asked), or in their place
+    with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start: each
+    moves with the element that holds it or is nearest to it. A rigid body touches with what its shape's `features`
+    lists; their sharp points touch the faces of soft bodies too.
     Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
     `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after an impact over speed before.
     `margin` [m]: pairs further apart than this, beyond what they approach within the step, take no part (a twentieth of

@@ -112,6 +112,23 @@ class ShapeContacts(Candidates):
         """One shape serves one contact."""
         return self.shared
 
+    def for_nodes(self, nodes: Any, like: int) -> "ShapeContacts":
+        """Nodes (k,) of soft bodies in place of the points, against what point number `like` may touch; for a look."""
+
+        def copied(tree: Any) -> Any:
+            return jax.tree.map(lambda leaf: jnp.repeat(leaf[like : like + 1], len(nodes), axis=0), tree)
+
+        points = SoftPoint(jnp.asarray(nodes, jnp.int32)[:, None], jnp.ones((len(nodes), 1), self.margin.dtype))
+        return self.replace(
+            points=points,
+            radius=copied(self.radius),
+            shape=self.shape if self.shared else copied(self.shape),
+            body=copied(self.body),
+            offset=copied(self.offset),
+            margin=copied(self.margin),
+            names=(self.names[like],) * len(nodes),
+        )
+
     def pairs(self, at: Configuration) -> Pairs:
         """The normal is the gradient of the distance; both sides push at the middle of the gap, or at a's node."""
         placed = self.points.placed(at)

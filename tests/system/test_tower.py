@@ -47,6 +47,15 @@ def test_others_stand_too(tower, mass, young):
     assert np.abs(spin).max() < 1e-3
 
 
+@pytest.mark.parametrize(("mass", "method"), [(1000.0, "mprgp"), (1.0, "condensed")])
+def test_all_rows_are_solved_for_where_a_light_body_is_held_by_rows_alone(mass, method):
+    mesh = jf.mesh.box((SIDE,) * 3, (3, 3, 3), tets_per_cell=6)
+    soft = jf.SoftBody(mesh, young=YOUNG, poisson=0.3, density=1.0, damping=0.02)
+    box = jf.RigidBody(jf.Box((SIDE,) * 3), mass=mass, position=(SIDE / 2, SIDE / 2, 1.5 * SIDE))
+    contacts = [jf.Contact(soft, other, friction=0.0) for other in (jf.Plane(), box)]
+    assert jf.build(jf.Scene([soft, box], contacts=contacts))[0].method.name == method
+
+
 def test_a_small_box_stands_between_the_nodes_of_a_face():
     mesh = jf.mesh.box((SIDE,) * 3, (1, 1, 1))
     soft = jf.SoftBody(mesh, young=1e6, poisson=0.3, density=1000.0, damping=0.02, fixed="z-")
