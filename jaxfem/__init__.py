@@ -21,6 +21,8 @@ from jaxfem.statics import equilibrium
 from jaxfem.stepping import StepError, impulses, prepare, rollout, step
 from jaxfem.vibration import modes
 
+__version__ = "0.1.0"
+
 __all__ = [
     "AccuracyWarning",
     "BackwardEuler",
@@ -72,6 +74,7 @@ __all__ = [
     "Traction",
     "TriangleMesh",
     "WeldJoint",
+    "__version__",
     "build",
     "diagnose",
     "energies",

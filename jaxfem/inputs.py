@@ -21,13 +21,26 @@ class TableLike(Protocol):
     where: str
 
     def __contains__(self, key: str) -> bool: ...
-    def get(self, key: str, default: Any = REQUIRED, unit: str = "") -> Any: ...
-    def number(self, key: str, default: Any = REQUIRED, unit: str = "", positive: bool = False) -> Any: ...
-    def vector(self, key: str, default: Any = REQUIRED, unit: str = "", length: int = 3) -> Any: ...
-    def grid(self, key: str, default: Any = REQUIRED, unit: str = "", what: str = "numbers") -> Any: ...
-    def text(self, key: str, default: Any = REQUIRED) -> Any: ...
-    def flag(self, key: str, default: Any = REQUIRED) -> Any: ...
-    def table(self, key: str, known: Iterable[str] | None, where: str) -> "TableLike": ...
+    def get(self, key: str, default: Any = REQUIRED, unit: str = "") -> Any:
+        """The value of a key, or `default`; without one a missing key is an error."""
+
+    def number(self, key: str, default: Any = REQUIRED, unit: str = "", positive: bool = False) -> Any:
+        """A finite number."""
+
+    def vector(self, key: str, default: Any = REQUIRED, unit: str = "", length: int = 3) -> Any:
+        """`length` finite numbers."""
+
+    def grid(self, key: str, default: Any = REQUIRED, unit: str = "", what: str = "numbers") -> Any:
+        """Rows of numbers of one length."""
+
+    def text(self, key: str, default: Any = REQUIRED) -> Any:
+        """A text that is not empty."""
+
+    def flag(self, key: str, default: Any = REQUIRED) -> Any:
+        """True or false."""
+
+    def table(self, key: str, known: Iterable[str] | None, where: str) -> "TableLike":
+        """A table inside this one, with its `known` keys; `where` names it in messages."""
 
 
 class Sources(Protocol):

@@ -11,7 +11,6 @@ import importlib.util
 import sys
 import warnings
 from collections.abc import Sequence
-from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -101,7 +100,7 @@ def import_module(given: str) -> None:
 def parser() -> argparse.ArgumentParser:
     """The parser with all subcommands."""
     made = argparse.ArgumentParser(prog="jaxfem", description="Simulate soft bodies. Units are SI throughout.")
-    made.add_argument("--version", action="version", version=f"jaxfem {metadata.version('jaxfem')}")
+    made.add_argument("--version", action="version", version=f"jaxfem {jaxfem.__version__}")
     made.add_argument("--debug", action="store_true", help="show where an error comes from")
     made.add_argument("--no-cache", action="store_true", help="keep no compiled programs, and use none (JAXFEM_CACHE)")
     made.add_argument(

@@ -9,7 +9,7 @@ import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 from xml.sax.saxutils import quoteattr
 
 import jax
@@ -19,10 +19,8 @@ from jaxfem.declared.scene import SceneError
 from jaxfem.energies import energies
 from jaxfem.io.fields import FIELDS, computed
 from jaxfem.mesh import locate
+from jaxfem.mesh.formats.foreign import read_fields, write_foreign
 from jaxfem.model import Model, Params, State
-
-if TYPE_CHECKING:  # slow to import: each function that needs it does so itself
-    import meshio
 
 ENERGIES = ("kinetic", "elastic", "gravity")
 SHORT = 500  # frames that an index lists before it is rewritten less often
@@ -101,8 +99,6 @@ class FrameWriter:
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
-        import meshio
-
         fields, energy = _computed(self.model, self.params, state, tuple(FIELDS))
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
@@ -111,7 +107,7 @@ class FrameWriter:
         path = self.folder / "frames" / f"{self.name}_{len(self.saved):05d}.vtu"
         mesh = _frame_mesh(self.model, state, {name: np.asarray(each) for name, each in fields.items()})
         with replaced(path) as temporary:
-            meshio.write(temporary, mesh, file_format="vtu")
+            write_foreign(temporary, *mesh, file_format="vtu")
         row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
         self.saved.append(Saved(time, path, row, self.points.at(positions)))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
@@ -166,19 +162,18 @@ class FrameWriter:
         return add
 
 
-def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> "meshio.Mesh":
-    """The soft bodies' mesh with its fields or, where there is none, the rigid bodies' centres."""
-    import meshio
-
+def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> tuple[Any, Any, Any, Any]:
+    """The soft bodies' mesh with its fields or, where there is none, the rigid bodies' centres: points, blocks of
+    cells, values of points and of cells."""
     if not model.bodies and model.rigid is not None and state.rigid is not None:
         count, places = model.rigid.count, np.asarray(state.rigid.positions)
         moved = {"displacement": places - np.asarray(model.rigid.start), "velocity": np.asarray(state.rigid.velocities)}
         each = {"body": [np.arange(count)], "von_mises": [np.zeros(count)]}
-        return meshio.Mesh(places, [("vertex", np.arange(count)[:, None])], moved, each)
+        return places, [("vertex", np.arange(count)[:, None])], moved, each
     cells = [("tetra", np.asarray(model.elements.cells, np.int64))]
     nodal = {name: value for name, value in fields.items() if FIELDS[name].on == "node"}
     elementwise = {name: [value] for name, value in fields.items() if FIELDS[name].on == "element"}
-    return meshio.Mesh(np.asarray(state.positions), cells, nodal, elementwise)
+    return np.asarray(state.positions), cells, nodal, elementwise
 
 
 class _Tracked:
@@ -238,13 +233,10 @@ def read_frames(index: Any) -> list[Frame]:
 
 def read_frame(path: Any, time: float = 0.0) -> Frame:
     """One VTU frame; `time` [s] is not in the file but in the index."""
-    import meshio
-
     if not Path(path).is_file():
         raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
-    mesh = meshio.read(path)
-    cells = {name: values[0] for name, values in mesh.cell_data.items()}
-    return Frame(time, mesh.points, mesh.cells[0].data, {**mesh.point_data, **cells})
+    points, cells, nodal, elementwise = read_fields(path)
+    return Frame(time, points, cells, {**nodal, **elementwise})
 
 
 def _listed(place: np.ndarray) -> str:

@@ -64,11 +64,16 @@ class Moving(Protocol):
     """What a scheme sees of a state: `positions`, `velocities` (n, 3), and the `accelerations` that some carry."""
 
     @property
-    def positions(self) -> Array: ...
+    def positions(self) -> Array:
+        """Of the nodes (n, 3) [m]."""
+
     @property
-    def velocities(self) -> Array: ...
+    def velocities(self) -> Array:
+        """Of the nodes (n, 3) [m/s]."""
+
     @property
-    def accelerations(self) -> Array | None: ...
+    def accelerations(self) -> Array | None:
+        """Of the nodes (n, 3) [m/s^2], None for schemes that carry none."""
 
 
 class Scheme(Pytree):

@@ -86,6 +86,7 @@ def _check_coupled(model: Model, params: Params) -> None:
 
 
 def check_rollout(steps: int, every: int, checkpoint: int | None) -> None:
+    """Refuse numbers of steps that saved frames or checkpoints do not divide."""
     if steps < 1 or every < 1 or steps % every:
         raise StepError(f"steps = {steps} must be a positive multiple of every = {every}")
     if checkpoint is not None and (checkpoint < 1 or checkpoint % every or steps % checkpoint):
@@ -101,6 +102,7 @@ def check_failure(on_failure: str, halvings: int) -> None:
 
 
 def checked_frequencies(given: Any) -> Any:
+    """Frequencies [rad/s] as they were given, traced ones unseen; StepError for values that are none."""
     if isinstance(given, jax.core.Tracer):
         return given
     try:
