@@ -42,7 +42,9 @@ def faces_on_shape(meeting: Meeting) -> Iterator[Any]:
     places = _other_points(shape, number is None)
     if not len(places):
         return
-    points = WorldPoint(places) if number is None else RigidPoint(np.full(len(places), number, np.int32), places - middle)
+    points = (
+        WorldPoint(places) if number is None else RigidPoint(np.full(len(places), number, np.int32), places - middle)
+    )
     each = np.broadcast_to(triangles, (len(places), *triangles.shape))
     yield SurfaceContacts(points, each, np.full(len(places), meeting.margin), meeting.rough)
 
@@ -61,7 +63,8 @@ def _other_points(shape: Shape, ground: bool) -> np.ndarray:
     turn = np.arange(AROUND_RIM) * (2 * np.pi / AROUND_RIM)
     rims = shape.circles()
     around = rims[:, :1] + np.cos(turn)[:, None] * rims[:, 1:2] + np.sin(turn)[:, None] * rims[:, 2:]
-    if not (ground and shape.has_points()):
-        return around.reshape(-1, 3)
-    places, radius = shape.features()
-    return np.concatenate([places[radius == 0], around.reshape(-1, 3)])
+    found = [around.reshape(-1, 3)]
+    if ground and shape.has_points():
+        places, radius = shape.features()
+        found.append(places[radius == 0])
+    return np.concatenate(found)
