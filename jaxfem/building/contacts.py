@@ -8,13 +8,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
-from jaxfem.building.meetings import Meeting, Touching, meeting_of
+from jaxfem.building.curves import curves_on_shapes
+from jaxfem.building.faces import faces_on_shape
+from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
-from jaxfem.rows.attachments import RigidPoint
+from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
-from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
+from jaxfem.rows.contact import ContactValues, PatchContacts, ShapeContacts, SurfaceContacts
 from jaxfem.rows.corners import CornerContacts
+from jaxfem.rows.nearby import MOST_POINTS, NearbyContacts
 
 
 def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -30,28 +33,46 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
         name = contact.name or str(number)
         where = f'contact "{name}"' if contact.name else f"contact {name}"
         meeting = meeting_of(contact, index, where)
-        for candidates in (each for make in MAKERS for each in make(meeting)):
+        made = [each for make in MAKERS for each in make(meeting)]
+        if not made:
+            raise SceneError(
+                f"{where}: its partners have nothing that could meet, points or curves of one against the distance of "
+                "the other; give a shape `features` or `segments`, or a TriangleMesh in its place"
+            )
+        for candidates in made:
             count = len(candidates.margin)
             numbers = contact.friction, contact.restitution, meeting.separation
             values = ContactValues(*(np.full(count, each) for each in numbers))
-            label = f"{'rough' if candidates.rough else 'smooth'} {candidates.kind}"
+            cone = candidates.rough and contact.cone
+            label = f"{'cone' if cone else 'rough' if candidates.rough else 'smooth'} {candidates.kind}"
             if candidates.alone:
                 label = f"{label} {name}"
-            grouped.setdefault(label, []).append((candidates.replace(names=(name,) * count), values))
+                label = f"{label} back" if label in grouped else label
+            grouped.setdefault(label, []).append((candidates.replace(names=(name,) * count, cone=cone), values))
     rows = {label: _joined([each for each, _ in parts], dtype) for label, parts in grouped.items()}
     return rows, {label: _joined([each for _, each in parts], dtype) for label, parts in grouped.items()}
 
 
 def points_on_ground(meeting: Meeting) -> Iterator[ShapeContacts]:
     """Points of a against ground."""
-    if meeting.ground is not None:
+    if meeting.ground is not None and len(meeting.points.radius):
         yield _against(meeting, meeting.points, meeting.ground, None)
+
+
+def ground_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+    """Peaks and corners of ground against the shape of a rigid a, unless that is a ball."""
+    ground, shape = meeting.ground, meeting.a.shape
+    if ground is None or shape is None or not (ground.has_points() and shape.is_obstacle()) or meeting.a.is_ball:
+        return
+    places, radius = ground.features()
+    if len(radius):
+        yield _against(meeting, Touching(WorldPoint(places), radius), shape, meeting.a.number)
 
 
 def nodes_on_surfaces(meeting: Meeting) -> Iterator[SurfaceContacts]:
     """Points of a against the surface of a soft b; all of b's against a's too, where a's are not chosen."""
     a, b = meeting.a, meeting.b
-    if b is None or b.kind != "soft":
+    if b is None or b.kind != "soft" or a == b:
         return
     ways = [(meeting.points, b)]
     if not meeting.chosen:
@@ -62,10 +83,20 @@ def nodes_on_surfaces(meeting: Meeting) -> Iterator[SurfaceContacts]:
         yield SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough)
 
 
+def patches_on_each_other(meeting: Meeting) -> Iterator[PatchContacts]:
+    """Two patches of a soft body that touches itself."""
+    if meeting.a != meeting.b:
+        return
+    for points, triangles in meeting.patches():
+        each, margin = np.broadcast_to(triangles, (len(points.radius), *triangles.shape)), meeting.margins(points)
+        yield PatchContacts(points.points, each, margin, meeting.rough, deep=2 * margin)
+
+
 def points_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
     """Points of a against the shape of a rigid b."""
-    if meeting.b is not None and meeting.b.shape is not None and meeting.b.shape.is_obstacle():
-        yield _against(meeting, meeting.points, meeting.b.shape, meeting.b.number)
+    b = meeting.b
+    if b is not None and b.shape is not None and b.shape.is_obstacle() and len(meeting.points.radius):
+        yield _against(meeting, meeting.points, b.shape, b.number)
 
 
 def corners_on_surface(meeting: Meeting) -> Iterator[CornerContacts]:
@@ -101,21 +132,26 @@ def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
 
 
 def points_back_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
-    """Points of a rigid b against a's shape, unless a is a single ball, which tells all by itself."""
+    """Points of a rigid b against a's shape, unless a's balls tell all by themselves."""
     a, b = meeting.a, meeting.b
     if b is None or a.shape is None or b.shape is None or not a.shape.is_obstacle():
         return
-    if not b.shape.is_obstacle() or not a.is_ball:
-        yield _against(meeting, meeting.points_of(b), a.shape, a.number)
+    points = meeting.points_of(b)
+    if len(points.radius) and not (b.shape.is_obstacle() and (a.is_ball or a.shape.swept)):
+        yield _against(meeting, points, a.shape, a.number)
 
 
 MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
     points_on_ground,
+    ground_on_shape,
     nodes_on_surfaces,
+    patches_on_each_other,
     points_on_shape,
     corners_on_surface,
     edges_on_edges,
     points_back_on_shape,
+    curves_on_shapes,
+    faces_on_shape,
 )
 """What makes candidates of two partners, in the order of a group's entries; each yields none where it has no part."""
 
@@ -127,16 +163,13 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
     if body is not None:
         numbers = np.full(count, body, np.int32)
         offset = np.tile(meeting.bodies.rigid[body].properties[1], (count, 1))
-    return ShapeContacts(
-        points.points,
-        points.radius,
-        shape if shape.shared else _repeated(shape, count),
-        numbers,
-        meeting.margins(points),
-        meeting.rough,
-        shape.shared,
-        offset=offset,
-    )
+    measured = shape.measured(float(points.radius.max()))
+    own = measured if shape.shared else repeated(measured, count)
+    margin = meeting.margins(points)
+    given = (points.points, points.radius, own, numbers, margin[:MOST_POINTS], meeting.rough, shape.shared)
+    if count > MOST_POINTS and not isinstance(points.points, SoftPoint):
+        return NearbyContacts(*given, offset=offset, most=MOST_POINTS)
+    return ShapeContacts(*given[:4], margin, *given[5:], offset=offset)
 
 
 def _joined(trees: list[Any], dtype: Any) -> Any:
@@ -151,11 +184,3 @@ def _joined(trees: list[Any], dtype: Any) -> Any:
     if hasattr(trees[0], "names"):
         joined = joined.replace(names=tuple(name for tree in trees for name in tree.names))
     return joined
-
-
-def _repeated(shape: Any, count: int) -> Any:
-    return jax.tree.map(
-        lambda v: np.broadcast_to(np.asarray(v, float), (count, *np.shape(v))),
-        shape,
-        is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray),
-    )

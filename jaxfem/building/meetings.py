@@ -2,6 +2,7 @@
 
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
@@ -73,6 +74,32 @@ class Meeting(NamedTuple):
         """The points with which a body touches."""
         return _points(self.contact, self.bodies, side, self.where)
 
+    @property
+    def opposite(self) -> tuple[Shape | None, int | None]:
+        """The shape that a meets, and the rigid body that it belongs to; None for ground, or for a soft b."""
+        return (self.ground, None) if self.b is None else (self.b.shape, self.b.number)
+
+    def faces(self) -> np.ndarray:
+        """Triangles (t, 3) of a soft a's surface that touch, as nodes of the scene: those of chosen nodes alone."""
+        none = self.contact.surface is not None
+        return self.surface(self.a)[:0] if none else self.patch(self.points)
+
+    def patch(self, points: Touching) -> np.ndarray:
+        """Triangles (t, 3) of a soft a's surface whose corners are all among its nodes given."""
+        triangles = self.surface(self.a)
+        kept: np.ndarray = triangles[np.isin(triangles, points.points.nodes[:, 0]).all(1)]
+        return kept
+
+    def patches(self) -> list[tuple[Touching, np.ndarray]]:
+        """Nodes of each of the two patches of a body that touches itself, and triangles of the other."""
+        other = _nodes(self.contact.against, self.bodies, self.a.number, f"the patch `against` of {self.where}")
+        found = [(self.points, self.patch(other)), (other, self.patch(self.points))]
+        if np.isin(self.points.points.nodes, other.points.nodes).any():
+            raise SceneError(f"{self.where}: the patches `nodes` and `against` share nodes; give two apart")
+        if not all(len(triangles) for _, triangles in found):
+            raise SceneError(f"{self.where}: a patch of `nodes` or `against` holds no whole triangle of the surface")
+        return found
+
     def surface(self, side: Side) -> np.ndarray:
         """Triangles (t, 3) of a soft body's surface, as nodes of the scene."""
         triangles = self.bodies.soft[side.number].mesh.surface
@@ -91,7 +118,7 @@ def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:
     ground = contact.b if isinstance(contact.b, Shape) else None
     b = _side(index, contact.b, where) if ground is None else None
     if b is not None:
-        _check(a, b, index, where)
+        _check(contact, a, b, index, where)
     return Meeting(contact, index, a, points, b, ground, margin, where)
 
 
@@ -100,9 +127,16 @@ def _side(index: BodyIndex, body: Any, where: str) -> Side:
     return Side(kind, number, index.rigid[number].shape if kind == "rigid" else None)
 
 
-def _check(a: Side, b: Side, index: BodyIndex, where: str) -> None:
+def _check(contact: Contact, a: Side, b: Side, index: BodyIndex, where: str) -> None:
     if a == b:
-        raise SceneError(f"{where} names one body twice: a body does not touch itself here")
+        if a.kind == "rigid" or contact.nodes is None or contact.against is None:
+            raise SceneError(
+                f"{where} names one body twice: only a soft body touches itself, with two patches of its surface, "
+                "`nodes` and `against`"
+            )
+        return
+    if contact.against is not None:
+        raise SceneError(f"{where} has `against`, which is for a body that touches itself: there `b` is `a`")
     if b.shape is None:
         if a.kind == "rigid":
             raise SceneError(f"{where}: put the soft body first, Contact(soft, rigid)")
@@ -110,7 +144,7 @@ def _check(a: Side, b: Side, index: BodyIndex, where: str) -> None:
     if not b.shape.is_obstacle() and (a.shape is None or not a.shape.is_obstacle()):
         raise SceneError(
             f'{where}: "{index.rigid[b.number].label}" is a {type(b.shape).__name__}, which others cannot touch with '
-            "points: it has no distance"
+            "points: it has no distance; give the shape one, or a TriangleMesh in its place"
         )
 
 
@@ -127,12 +161,13 @@ def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) ->
     if contact.surface is not None:
         cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
         return Touching(SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells)))
-    if contact.nodes is not None:
-        chosen = body.nodes_of("nodes of a contact", contact.nodes)
-    elif isinstance(contact.b, Shape) and pressed_flat(body, index.gravity):
-        chosen = body.nodes_of("nodes of a contact", "all")
-    else:
-        chosen = body.mesh.surface_nodes
+    if contact.nodes is None and isinstance(contact.b, Shape) and pressed_flat(body, index.gravity):
+        return _nodes("all", index, number, where)
+    return _nodes(body.mesh.surface_nodes if contact.nodes is None else contact.nodes, index, number, where)
+
+
+def _nodes(selection: Any, index: BodyIndex, number: int, where: str) -> Touching:
+    chosen = index.soft[number].nodes_of("nodes of a contact", selection)
     if not len(chosen):
         raise SceneError(f"{where} touches with no node: its selection of nodes is empty")
     nodes = (np.asarray(chosen)[:, None] + index.offsets[number]).astype(np.int32)
@@ -142,5 +177,13 @@ def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) ->
 def _size(index: BodyIndex, side: Side) -> float:
     if side.shape is None:
         return float(np.ptp(index.soft[side.number].mesh.points, axis=0).max())
-    places, radius = side.shape.features()
-    return float(np.ptp(places, axis=0).max() + 2 * radius.max())
+    return float(np.ptp(side.shape.extent(), axis=0).max())
+
+
+def repeated(shape: Any, count: int) -> Any:
+    """A shape's values, once for each of `count` pairs."""
+    return jax.tree.map(
+        lambda v: np.broadcast_to(np.asarray(v, float), (count, *np.shape(v))),
+        shape,
+        is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray),
+    )

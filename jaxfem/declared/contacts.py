@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
-from jaxfem.inputs import Nodes, Number, Text, Vertices, takes
+from jaxfem.inputs import Flag, Nodes, Number, Text, Vertices, takes
 from jaxfem.rigid.shapes.base import Shape, obstacles
 
 
@@ -18,9 +18,15 @@ class Contact:
     its weight or its speed at the start will do that, ground has rows for all without being asked), or in their place
     with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start: each
     moves with the element that holds it or is nearest to it. A rigid body touches with what its shape's `features`
-    lists; their sharp points touch the faces of soft bodies too.
+    lists, with its `segments` and its `circles`; their sharp points touch the faces of soft bodies too.
+    `faces`: whether the triangles of soft `a` touch as well, for rigid `b` or ground that could slip between a's nodes;
+    where b is thinner than the widest triangle if nothing is said.
+    A soft body that is both `a` and `b` touches itself: the surface patch of `nodes` meets that of the nodes `against`,
+    both ways; they share no node.
     Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
-    `friction`: Coulomb's coefficient; 0 makes no rows for it. `restitution`: speed after an impact over speed before.
+    `friction`: Coulomb's coefficient; 0 makes no rows for it. `cone`: friction holds alike in all directions; without
+    it up to 1.41 times as much between the two that its rows have. `restitution`: speed after an impact over speed
+    before.
     `margin` [m]: pairs further apart than this, beyond what they approach within the step, take no part (a twentieth of
     a's size without it). `separation` [m/s]: at most so fast are partners moved apart that are inside each other (a's
     size in a second without it); what is deep keeps none of that speed. Raises SceneError.
@@ -35,6 +41,9 @@ class Contact:
     nodes: Any = field(default=None, metadata=takes(Nodes(optional=True)))
     surface: Any = field(default=None, metadata=takes(Vertices(optional=True)))
     name: str | None = field(default=None, metadata=takes(Text(optional=True)))
+    against: Any = field(default=None, metadata=takes(Nodes(optional=True)))
+    cone: bool = field(default=False, metadata=takes(Flag()))
+    faces: bool | None = field(default=None, metadata=takes(Flag(optional=True)))
 
     def __post_init__(self) -> None:
         refuse_traced(self)

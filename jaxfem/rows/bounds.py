@@ -20,10 +20,14 @@ Bounds = tuple[OrderedDict[str, Array | None], OrderedDict[str, Array | None]]
 
 
 class Friction(Pytree):
-    """A group of tangential rows (m, 2) is bounded by `coefficient` (m,) times the impulses of the `normal` group."""
+    """A group of tangential rows (m, 2) is bounded by `coefficient` (m,) times the impulses of the `normal` group.
+
+    `cone`: the length of each pair is, else each row alone: a pyramid, which holds more along its diagonals.
+    """
 
     coefficient: Array
     normal: str = static()
+    cone: bool = static(default=False)
 
 
 def named(names: Iterable[str], values: Iterable[Any]) -> OrderedDict[str, Any]:
@@ -31,9 +35,48 @@ def named(names: Iterable[str], values: Iterable[Any]) -> OrderedDict[str, Any]:
     return OrderedDict(zip(names, values, strict=True))
 
 
-def friction_radii(friction: Mapping[str, Friction], impulses: Mapping[str, Array]) -> Radii:
-    """mu lam_n of each pair of friction rows (m, 1), from the normal impulses given."""
-    return {name: jnp.maximum(each.coefficient[:, None] * impulses[each.normal], 0) for name, each in friction.items()}
+def friction_radii(
+    friction: Mapping[str, Friction], impulses: Mapping[str, Array], wished: Mapping[str, Array] | None = None
+) -> Radii:
+    """mu lam_n of each pair of friction rows (m, 1), from the normal impulses given.
+
+    With `wished`, what pairs in a cone would be if nothing bounded them, theirs are the halves (m, 2) of a rectangle.
+    """
+    radii = {}
+    for name, each in friction.items():
+        radius = jnp.maximum(each.coefficient[:, None] * impulses[each.normal], 0)
+        radii[name] = inscribed(radius, wished[name]) if each.cone and wished is not None else radius
+    return radii
+
+
+def inscribed(radius: Array, wished: Array) -> Array:
+    """Halves (m, 2) of the sides of rectangles in discs of `radius` (m, 1): the one that has what is wished (m, 2), cut
+    off at the disc, on its border or is as near to a square as it can be.
+
+    Rows bounded so hold no more than the cone, and where the bounds have settled they are its own: a pair that slides
+    is at a corner of the rectangle, with the slip straight against it.
+    """
+    size = jnp.abs(wished)
+    length = jnp.linalg.norm(size, axis=-1, keepdims=True)
+    size = jnp.where(length > radius, size * radius / jnp.where(length > 0, length, 1), size)
+    other = jnp.sqrt(jnp.maximum(radius**2 - size[:, ::-1] ** 2, 0))
+    half = radius * jnp.sqrt(jnp.asarray(0.5, radius.dtype))
+    first = jnp.where(size > half, size, jnp.where(size[:, ::-1] > half, other, half))
+    return first
+
+
+def into_disc(pairs: Array, radius: Array) -> Array:
+    """Pairs (m, 2) no longer than `radius` (m,)."""
+    square = jnp.sum(pairs**2, -1)
+    outside = square > radius**2
+    length = jnp.sqrt(jnp.where(outside, square, 1))
+    return jnp.where(outside, radius / length, 1)[:, None] * pairs
+
+
+def without_cones(friction: Mapping[str, Friction], sides: Mapping[str, Array]) -> Impulses:
+    """`sides` with pairs in a cone at none: where they slide is a matter of both rows."""
+    cones = {name for name, each in friction.items() if each.cone}
+    return named(sides, (0 * side if name in cones else side for name, side in sides.items()))
 
 
 def row_bounds(rows: Mapping[str, Rows], radii: Mapping[str, Array]) -> Bounds:

@@ -65,10 +65,11 @@ class Candidates(Pytree):
     """m candidate pairs of one kind. A subclass also has `margin` (m,) [m], the distance from which a pair takes part,
     and the static flag `rough`, whether they have friction rows.
 
-    `names` (m): the contacts that they are of.
+    `names` (m): the contacts that they are of; `cone`: whether friction is held in the true cone, else in a pyramid.
     """
 
     names: tuple[str, ...] = static(default=(), kw_only=True)
+    cone: bool = static(default=False, kw_only=True)
 
     @property
     def kind(self) -> str:
@@ -169,13 +170,13 @@ class ShapeContacts(Candidates):
 
 
 class SurfaceContacts(Candidates):
-    """Nodes of soft bodies against the surface of another soft body: each against the triangle nearest to it.
+    """Points of any body or of ground against the surface of a soft body: each against the triangle nearest to it.
 
     `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
     the triangle's normal, or from its edge where the point is far beyond it.
     """
 
-    points: SoftPoint
+    points: Any
     triangles: Any
     margin: Any
     rough: bool = static()
@@ -183,7 +184,7 @@ class SurfaceContacts(Candidates):
     @property
     def kind(self) -> str:
         """Words for the kinds of partners."""
-        return f"soft-soft {self.triangles.shape[1]}"
+        return f"{self.points.kind}-soft {self.triangles.shape[1]}"
 
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
@@ -192,6 +193,23 @@ class SurfaceContacts(Candidates):
         other = SoftPoint(chosen, weights).placed(at)
         gap, normal = gap_from(placed.position, other.position, normal, at.nodes[chosen])
         return Pairs(gap, normal, difference(other, placed))
+
+
+class PatchContacts(SurfaceContacts):
+    """Nodes of a patch of a soft body's surface against another patch of it, `deep` (m,) [m] behind which they are
+    elsewhere: on the far side of what the patch bounds."""
+
+    deep: Any = dataclasses.field(default=None, kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        return f"patches {super().kind}"
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """As for two bodies."""
+        pairs = super().pairs(at)
+        return pairs.replace(gap=jnp.where(pairs.gap < -self.deep, jnp.abs(pairs.gap) + 2 * self.margin, pairs.gap))
 
 
 def contact_rows(

@@ -125,7 +125,7 @@ def minimize_with_rows(
     tol: Any,
     max_iterations: Any,
     absolute: Any = 0.0,
-    follow: Callable[[Blocks], Bounds] | None = None,
+    follow: Callable[[Blocks, Blocks], Bounds] | None = None,
     stiffened: Callable[[Blocks], Operator] | None = None,
     sharpest: float = SHARPEST,
 ) -> tuple[Array, Blocks, SolveInfo]:
@@ -137,8 +137,8 @@ def minimize_with_rows(
     where there is a faster one than by the rows.
     Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
     max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
-    conjugate gradients, as info.iterations does. `follow`: impulses -> bounds, where these depend on the impulses of
-    other rows (friction): each move of the centre takes them anew, and the violation is judged by the new ones
+    conjugate gradients, as info.iterations does. `follow`: (impulses, slack) -> bounds, where these depend on other
+    rows' impulses (friction): each move of the centre takes them anew, and the violation is judged by the new ones
     (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds. `sharpest`: where
     the share of compliance ends; near one where the preconditioner bears stiff rows badly.
     No derivative rule. vmap-safe: a lane that has arrived stays as it is.
@@ -186,7 +186,7 @@ def minimize_with_rows(
     last = jax.lax.while_loop(running, trip, first)
     impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
     if follow is not None:
-        impulses = _snapped(impulses, last.bounds, follow(impulses))
+        impulses = _snapped(impulses, last.bounds, follow(impulses, last.slack))
     relative = last.residual / jnp.where(scale > 0, scale, 1)
     return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
 
@@ -206,7 +206,7 @@ def _settle(
     terms: RowTerms,
     target: Array,
     s: _State,
-    follow: Callable[[Blocks], Bounds] | None,
+    follow: Callable[[Blocks, Blocks], Bounds] | None,
     sharpest: float,
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
@@ -216,7 +216,7 @@ def _settle(
     soft = terms.softened(s.share)
     raw, old = terms.raw(s.slack, s.centre, soft), terms.within(s.bounds)
     impulses, free = old.bounded(raw), old.free(raw)
-    wanted = s.bounds if follow is None else follow(impulses)
+    wanted = s.bounds if follow is None else follow(impulses, s.slack)
     near = trees.norm(s.gradient - _push(rows, impulses))
     far = _size(rows, terms.within(wanted).violation(s.slack, impulses))
     residual = jnp.sqrt(near**2 + far**2)
@@ -230,7 +230,7 @@ def _settle(
     ahead, history = accelerated(kept, s.centre, impulses, terms.local)
     ahead, history = trees.where(worse, (s.plain, empty(s.centre)), (ahead, history))
     centre, history = trees.where(moving, (ahead, history), (s.centre, s.history))
-    bounds = s.bounds if follow is None else trees.where(moving, follow(ahead), s.bounds)
+    bounds = s.bounds if follow is None else trees.where(moving, follow(ahead, s.slack), s.bounds)
     taken = moving & ~worse
     settled = s.replace(
         history=history,

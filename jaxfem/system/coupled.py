@@ -116,7 +116,7 @@ def _extra_rows(
         )
         extra[contact_name(label)] = normal
         if tangent is not None:
-            friction[friction_name(label)] = Friction(values.friction, contact_name(label))
+            friction[friction_name(label)] = Friction(values.friction, contact_name(label), group.cone)
             extra[friction_name(label)] = tangent
     return extra, friction, gaps
 

@@ -120,6 +120,18 @@ def test_a_ball_rolls_down_ground_and_its_way_has_a_derivative_in_the_height_of_
     assert float(slope) == pytest.approx(float(central), rel=1e-5)
 
 
+class Needle(Shape):
+    """A point that touches others and has no distance."""
+
+    def mass_properties(self):
+        """Of a small ball."""
+        return 1e-9, np.zeros(3), 1e-6 * np.eye(3)
+
+    def features(self):
+        """Its tip."""
+        return np.zeros((1, 3)), np.zeros(1)
+
+
 FILE = """
 [time]
 step = 0.01
@@ -198,8 +210,19 @@ def test_mistakes_in_python_are_named():
         jf.RigidBody(Cone(1.0, -1.0), mass=1.0)
     with pytest.raises(jf.SceneError, match=r"a rigid body is one of .*, Cone"):
         jf.RigidBody(jf.Plane(), mass=1.0)
-    with pytest.raises(jf.SceneError, match="has a TriangleMesh for ground; ground is one of"):
-        jf.Contact("a", jf.TriangleMesh([[0, 0, 0]], [[0, 0, 0]]))
+    with pytest.raises(jf.SceneError, match="has a Needle for ground; ground is one of"):
+        jf.Contact("a", Needle())
+
+
+def test_partners_that_cannot_meet_are_refused():
+    needle = jf.RigidBody(Needle(), mass=1.0, name="needle")
+    other = jf.RigidBody(Needle(), mass=1.0, name="other")
+    with pytest.raises(jf.SceneError, match=r'"other" is a Needle, which .* no distance; give the shape one'):
+        jf.build(jf.Scene([needle, other], contacts=[jf.Contact(needle, other)]))
+    none = type("Air", (Needle,), {"features": lambda self: (np.zeros((0, 3)), np.zeros(0)), "distance": Cone.distance})
+    air = jf.RigidBody(none(), mass=1.0, inertia=np.eye(3), name="air")
+    with pytest.raises(jf.SceneError, match=r"nothing that could meet, .* TriangleMesh in its place"):
+        jf.build(jf.Scene([air], contacts=[jf.Contact(air, jf.Plane(), margin=0.1)]))
 
 
 def test_what_is_no_shape_is_refused_where_it_is_defined():

@@ -16,7 +16,7 @@ from jaxfem.methods.allrows.factor import row_preconditioner
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import Impulses, named, placed_at_bounds
+from jaxfem.rows.bounds import Impulses, named, placed_at_bounds, without_cones
 from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.differentiation import solved
@@ -60,18 +60,18 @@ def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> So
         zero = jnp.int32(0)
         info = SolveInfo(zero, zero, jnp.zeros((), system.target.dtype), zero)
         return Solved(velocities_from(system, named((), ())), named((), ()), info)
-    cone = search.cone and bool(system.friction)
+    cone = any(search.cone or each.cone for each in system.friction.values())
 
     def solve(system: System, plan: Any, guess: Impulses) -> tuple[Impulses, Any]:
         best = search.found(system, plan, row_operator(system), guess)
-        return best.impulses, (best.sides, best.velocities, best.info)
+        return best.impulses, (without_cones(system.friction, best.sides), best.velocities, best.info)
 
     def tangent(found: Impulses, rest: Any, arguments: tuple[System, Any, Impulses], pushed: Any) -> Any:
         system, plan, _ = arguments
         sides = rest[0]
-        right = pushed(lambda system, plan, guess: _condition(system, sides, cone, found))
+        right = pushed(lambda system, plan, guess: _condition(system, sides, cone, search.cone, found))
         return tangent_solution(
-            partial(_condition, system, sides, cone),
+            partial(_condition, system, sides, cone, search.cone),
             found,
             right,
             partial(_tangent, jax.lax.stop_gradient(system), plan, sides),
@@ -86,25 +86,30 @@ def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> So
     return Solved(velocities, impulses, info)
 
 
-def _condition(system: System, sides: Impulses, cone: bool, unknown: Impulses) -> Impulses:
-    """Zero at the impulses found: A lam - b, and the unknown itself on rows at a bound, where its value is not used."""
+def _condition(system: System, sides: Impulses, cone: bool, every: bool, unknown: Impulses) -> Impulses:
+    """Zero at the impulses found: A lam - b, and the unknown itself on rows at a bound, where its value is not used.
+
+    `cone`: whether any friction is in the true cone; `every`: whether all is.
+    """
     operator = row_operator(system)
     weights = jax.lax.stop_gradient(operator.diagonal)
     settled = placed_at_bounds(system.rows, system.friction, sides, unknown)
     residual = trees.minus(operator.apply(settled), operator.right)
     if cone:
-        residual = _cone_condition(system, settled, residual, weights)
+        residual = _cone_condition(system, settled, residual, weights, every)
     residuals: Impulses = jax.tree.map(
         lambda s, r, d, u: jnp.where(s == 0, r, d * u), sides, residual, weights, unknown
     )
     return residuals
 
 
-def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses) -> Impulses:
+def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weights: Impulses, every: bool) -> Impulses:
     """The residual with, for friction pairs, D (lam - P(lam - residual / D)): P the projection on the cone's disc."""
     projected = projected_step(system, impulses, residual, weights)
     changed = residual.copy()
-    for name in system.friction:
+    for name, each in system.friction.items():
+        if not (every or each.cone):
+            continue
         width = jnp.max(weights[name], -1, keepdims=True)
         changed[name] = width * (impulses[name] - projected[name])
     return changed

@@ -5,7 +5,7 @@ from collections.abc import Mapping
 import jax
 import jax.numpy as jnp
 
-from jaxfem.rows.bounds import Impulses, named
+from jaxfem.rows.bounds import Impulses, into_disc, named
 from jaxfem.system.soft import System
 
 Array = jax.Array
@@ -26,11 +26,3 @@ def projected_step(
         return step if bounds is None else jnp.clip(step, *bounds)
 
     return named(impulses, map(moved, impulses))
-
-
-def into_disc(pairs: Array, radius: Array) -> Array:
-    """Pairs (m, 2) no longer than `radius` (m,)."""
-    square = jnp.sum(pairs**2, -1)
-    outside = square > radius**2
-    length = jnp.sqrt(jnp.where(outside, square, 1))
-    return jnp.where(outside, radius / length, 1)[:, None] * pairs

@@ -69,7 +69,7 @@ class EliminationSearch:
             velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
             return Found(found, sides_of(bounds, found), info, velocities)
 
-        return with_friction(system, guess, once)
+        return with_friction(system, operator, guess, once)
 
 
 def _triples(model: Model, params: Params, state: State) -> tuple[tuple[Array, ...], tuple[Array, ...]]:

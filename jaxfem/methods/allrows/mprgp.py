@@ -86,7 +86,7 @@ class MprgpSearch:
             )
             return Found(found, sides_of(bounds, found), info)
 
-        return with_friction(system, guess, once, rounded=True)
+        return with_friction(system, operator, guess, once, rounded=True)
 
 
 @dataclasses.dataclass(frozen=True)

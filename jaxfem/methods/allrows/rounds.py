@@ -10,7 +10,9 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.allrows.condition import Found
-from jaxfem.rows.bounds import Bounds, Impulses, Radii, friction_radii, row_bounds
+from jaxfem.methods.allrows.operator import RowOperator
+from jaxfem.rows.bounds import Bounds, Impulses, Radii, friction_radii, named, row_bounds
+from jaxfem.solvers import trees
 from jaxfem.solvers.status import Status
 from jaxfem.system.soft import System
 
@@ -22,7 +24,11 @@ FRICTION_SLACK = 10.0  # bounds have settled when they change by no more than th
 
 
 def with_friction(
-    system: System, guess: Impulses, once: Callable[[Impulses, Bounds, Array], Found], rounded: bool = False
+    system: System,
+    operator: RowOperator,
+    guess: Impulses,
+    once: Callable[[Impulses, Bounds, Array], Found],
+    rounded: bool = False,
 ) -> Found:
     """`once(start, bounds, limit)`, repeated until friction's bounds fit; from some round on, halfway to them only.
 
@@ -33,8 +39,11 @@ def with_friction(
         return once(guess, row_bounds(system.rows, {}), system.max_iterations)
     normals = {each.normal for each in system.friction.values()}
 
+    def wanted(found: Impulses) -> Radii:
+        return friction_radii(system.friction, found, _wished(system, operator, found))
+
     def change(found: Impulses, radii: Radii) -> Array:
-        fresh = friction_radii(system.friction, found)
+        fresh = wanted(found)
         moved = sum(jnp.sum((fresh[name] - old) ** 2) for name, old in radii.items())
         size = sum(jnp.sum(found[name] ** 2) for name in sorted(normals))
         return jnp.sqrt(moved / jnp.where(size > 0, size, 1))
@@ -46,7 +55,7 @@ def with_friction(
     def trip(carry: Any) -> Any:
         last, radii, _, rounds, total = carry
         last = last.impulses
-        fresh = friction_radii(system.friction, last)
+        fresh = wanted(last)
         part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
         radii = jax.tree.map(lambda old, new: old + part * (new - old), radii, fresh)
         found = once(last, row_bounds(system.rows, radii), system.max_iterations - total)
@@ -59,7 +68,7 @@ def with_friction(
         return more
 
     # Into the loop as if a round had been made, so that it is compiled once.
-    radii, zero = friction_radii(system.friction, guess), jnp.int32(0)
+    radii, zero = wanted(guess), jnp.int32(0)
     shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii), system.max_iterations))
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes).replace(impulses=guess)
     start = (blank, radii, jnp.full((), jnp.inf, system.target.dtype), zero, zero)
@@ -67,3 +76,12 @@ def with_friction(
     status = jnp.where(unsettled(found, moved), int(Status.ITERATION_LIMIT), found.info.status).astype(jnp.int32)
     ended: Found = found.replace(info=found.info.replace(iterations=total, status=status))
     return ended
+
+
+def _wished(system: System, operator: RowOperator, impulses: Impulses) -> Impulses | None:
+    """Impulses less the residual over their diagonal; None where no friction is in a cone."""
+    if not any(each.cone for each in system.friction.values()):
+        return None
+    residual = trees.minus(operator.apply(impulses), operator.right)
+    wide = {name: jnp.max(each, -1, keepdims=True) for name, each in operator.diagonal.items()}
+    return named(impulses, (lam - residual[name] / wide[name] for name, lam in impulses.items()))

@@ -13,12 +13,12 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.allrows.condition import Found, solve_rows
-from jaxfem.methods.allrows.cone import into_disc, projected_step
+from jaxfem.methods.allrows.cone import projected_step
 from jaxfem.methods.allrows.operator import RowOperator
 from jaxfem.methods.base import Facts, Solved
 from jaxfem.methods.by_rows import RowMethod
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import Bounds, Impulses, named, row_bounds, sides_of
+from jaxfem.rows.bounds import Bounds, Impulses, into_disc, named, row_bounds, sides_of
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers import trees
 from jaxfem.solvers.box import Box

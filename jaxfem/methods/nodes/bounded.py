@@ -22,6 +22,7 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
+from jaxfem.methods.nodes.cone import cone_residual, sliding, width, wished_impulses
 from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix
 from jaxfem.methods.nodes.row_coarse import coarse_space
 from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
@@ -33,6 +34,7 @@ from jaxfem.rows.bounds import (
     placed_at_bounds,
     row_bounds,
     sides_of,
+    without_cones,
 )
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
@@ -57,7 +59,7 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
     Which rows are at a bound is read off the impulses.
     """
     velocities, impulses = merged(system, unknown[0]), unknown[1]
-    sides = sides_of(_bounds(system, impulses), impulses)
+    sides = without_cones(system.friction, sides_of(_bounds(system, impulses), impulses))
     on_bound = placed_at_bounds(system.extra, system.friction, sides, impulses)
     pushed = jnp.zeros_like(velocities)
     residuals = OrderedDict()
@@ -65,14 +67,18 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
         lam, own = impulses[name], on_bound[name]
         pushed = pushed + rows.apply_transpose(own)
         between = rows.bias - rows.apply(velocities) - rows.compliance * lam
-        residuals[name] = jnp.where(sides[name] != 0, lam - own, between)
+        if name in system.friction and system.friction[name].cone:
+            radius = friction_radii(system.friction, on_bound)[name][:, 0]
+            residuals[name] = cone_residual(lam, between, radius, width(system, rows))
+        else:
+            residuals[name] = jnp.where(sides[name] != 0, lam - own, between)
     momentum = momentum_gradient(system, unknown[0])
     return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), residuals
 
 
-def _bounds(system: System, impulses: Impulses) -> Bounds:
-    """Bounds of the extra rows at their `impulses`."""
-    return row_bounds(system.extra, friction_radii(system.friction, impulses))
+def _bounds(system: System, impulses: Impulses, wished: Impulses | None = None) -> Bounds:
+    """Bounds of the extra rows at their `impulses`; with `wished`, those of pairs in a cone (see `friction_radii`)."""
+    return row_bounds(system.extra, friction_radii(system.friction, impulses, wished))
 
 
 @lanes_in_turn
@@ -83,17 +89,16 @@ def solve_bounded(system: System, coarse: Array, guess: Pair) -> tuple[Pair, Sol
     velocities = merged(system, start)
     names, extra = tuple(system.extra), tuple(system.extra.values())
 
-    def follow(impulses: tuple[Array, ...]) -> tuple[Sides, Sides]:
-        low, up = _bounds(system, named(names, impulses))
+    cones = any(each.cone for each in system.friction.values())
+
+    def follow(impulses: tuple[Array, ...], slack: tuple[Array, ...]) -> tuple[Sides, Sides]:
+        known = named(names, impulses)
+        low, up = _bounds(system, known, wished_impulses(system, known, slack) if cones else None)
         return tuple(low.values()), tuple(up.values())
 
     first = tuple(guess[1].values())
-    terms = _terms(
-        extra,
-        slack=tuple(rows.bias - rows.apply(velocities) for rows in extra),
-        start=first,
-        bounds=follow(first),
-    )
+    slack = tuple(rows.bias - rows.apply(velocities) for rows in extra)
+    terms = _terms(extra, slack=slack, start=first, bounds=follow(first, slack))
     gradient = momentum_gradient(system, start)
     minimize = _minimizer(system, coarse)
     step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow if system.friction else None)
@@ -108,7 +113,7 @@ def pair_tangent(system: System, coarse: Array, unknown: Pair) -> Callable[[Pair
     Rows at a bound are held there, friction's at bounds that do not move: that derivative is symmetric.
     """
     names, extra = tuple(system.extra), tuple(system.extra.values())
-    sides = sides_of(_bounds(system, unknown[1]), unknown[1])
+    sides = sliding(system, unknown[1], sides_of(_bounds(system, unknown[1]), unknown[1]))
     held = tuple(side != 0 for side in sides.values())
     active = tuple(~mask for mask in held)
     minimize, none = _minimizer(system, coarse), ((None,) * len(extra),) * 2

@@ -5,6 +5,8 @@ Every shape is centred on its own origin and, where it has an axis, lies along z
   its gradient for the normal. Others can touch the shape, and it can be ground.
 * `mass_properties()` and `features()`, on the host: it can be a rigid body. `features` lists the points (k, 3) [m] with
   which it touches others, and the radius (k,) [m] of the ball around each.
+* `segments()` and `circles()`, on the host: straight edges, axes along which a ball is swept, and rims, which touch
+  others with whichever of their points is nearest; a shape that has none leaves them out.
 A subclass may live anywhere, also outside the package.
 """
 
@@ -31,6 +33,12 @@ class Shape(Pytree):
     leading: ClassVar[str | None] = None
     shared: ClassVar[bool] = False
     """Whether all pairs of a contact share one copy of its values: large ones, or a function."""
+    flat: ClassVar[bool] = False
+    """Whether its distance is linear: of a segment, only an end can be nearest."""
+    convex: ClassVar[bool] = True
+    """Whether the distance from it has no more than one least value along a straight line."""
+    swept: ClassVar[bool] = False
+    """Whether its balls, and those along its segments, are all of it: a convex partner's curves tell nothing more."""
 
     def __init_subclass__(cls, word: str | None = None, leading: str | None = None, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -46,7 +54,7 @@ class Shape(Pytree):
     @classmethod
     def is_solid(cls) -> bool:
         """Whether it can be a rigid body."""
-        return cls.mass_properties is not Shape.mass_properties and cls.features is not Shape.features
+        return cls.mass_properties is not Shape.mass_properties and cls.has_points()
 
     @classmethod
     def is_obstacle(cls) -> bool:
@@ -57,6 +65,16 @@ class Shape(Pytree):
         """Signed distance of a point (3,) [m]."""
         raise NotImplementedError(f"others cannot touch a {type(self).__name__}")
 
+    @classmethod
+    def has_points(cls) -> bool:
+        """Whether it touches others with points of its own."""
+        return cls.features is not Shape.features
+
+    def measured(self, reach: float = 0.0) -> Any:
+        """What contact takes distances from, a pytree with `distance`: itself, or what is made of it once, on the host.
+        `reach` [m]: radius of the largest ball that touches it."""
+        return self
+
     def mass_properties(self) -> MassProperties:
         """Volume, centre, inertia per mass."""
         raise NotImplementedError(f"a {type(self).__name__} is no rigid body")
@@ -64,6 +82,30 @@ class Shape(Pytree):
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """Points (k, 3) [m] that touch others, and the radius (k,) [m] of the ball around each."""
         raise NotImplementedError(f"a {type(self).__name__} is no rigid body")
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Ends (k, 2, 3) [m] of segments that touch others between their ends, and the radius (k,) [m] of the ball
+        swept along each; the ends belong to `features`."""
+        return np.zeros((0, 2, 3)), np.zeros(0)
+
+    def circles(self) -> np.ndarray:
+        """Rims that touch others, (k, 3, 3) [m]: the centre of each and two of its radii, at right angles."""
+        return np.zeros((0, 3, 3))
+
+    def extent(self) -> np.ndarray:
+        """Points (k, 3) [m] whose bounding box is that of a solid, or a little larger."""
+        balls, radius = self.features()
+        ends, swept = self.segments()
+        rims = self.circles()
+        around = [balls + side * radius[:, None] for side in (-1, 1)]
+        along = [(ends + side * swept[:, None, None]).reshape(-1, 3) for side in (-1, 1)]
+        reach = np.linalg.norm(rims[:, 1:], axis=1)
+        return np.concatenate([*around, *along, rims[:, 0] - reach, rims[:, 0] + reach])
+
+    def thickness(self) -> float:
+        """How wide [m] the gap between two points is through which it could slip at least, as its bounding box says;
+        infinite for what is no solid."""
+        return float(np.ptp(self.extent(), axis=0).min()) if self.is_solid() else np.inf
 
     def edges(self) -> np.ndarray | None:
         """Halves (3,) [m] of the sizes of the block whose edges touch those of others; None for what has none."""
@@ -114,3 +156,21 @@ def length(vector: Array) -> Array:
     """Euclidean norm, with derivative zero at the origin."""
     square = jnp.vdot(vector, vector)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
+
+
+def outside(out: Array) -> Array:
+    """Signed distance of a convex solid that reaches to `out` (k,) [m] along directions at right angles: negative where
+    inside. The normal is that of a face also on it, where maxima would halve it.
+
+    Written with selections: the derivative of a maximum compares it with what it was taken of, and compiled code may
+    round the two differently.
+    """
+    inside = out[0]
+    for each in out[1:]:
+        inside = jnp.where(each > inside, each, inside)
+    return length(jnp.where(out > 0, out, 0)) + jnp.where(inside <= 0, inside, 0)
+
+
+def within(value: Array, low: Any, high: Any) -> Array:
+    """A number between two others, by selections too."""
+    return jnp.where(value < low, low, jnp.where(value > high, high, value))

@@ -6,10 +6,12 @@ from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.inputs import Direction, Grid, Vector, takes
 from jaxfem.pytrees import static
 from jaxfem.rigid.shapes.base import Shape
+from jaxfem.rigid.shapes.bumps import LEVEL, NearFaces, creases, ridge_points, ridges
 
 Array = jax.Array
 
@@ -19,6 +21,7 @@ class Plane(Shape, word="plane", leading="normal"):
 
     point: Any = field(default=(0.0, 0.0, 0.0), metadata=takes(Vector("m")))
     normal: Any = field(default=(0.0, 0.0, 1.0), metadata=takes(Direction()))
+    flat: ClassVar[bool] = True
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
@@ -30,20 +33,42 @@ class HeightField(Shape, word="heights"):
     """Ground z = h(x, y), bilinear over a grid: `heights` (nx, ny) [m] from `origin` (2,) [m] at `spacing` (2,) [m].
 
     Beyond its edge the ground goes on at the height of the edge. The distance is the height above it times the cosine
-    of its slope: exact on a slope, first-order near bumps.
+    of its slope: exact on a slope, first-order near bumps; exact everywhere for balls (see `bumps.py`). Ridges and
+    peaks touch others too.
     """
 
     heights: Any = field(metadata=takes(Grid("m", "heights")))
     spacing: Any = field(metadata=takes(Vector("m", 2, positive=True)))
     origin: Any = field(default=(0.0, 0.0), metadata=takes(Vector("m", 2)))
     shared: ClassVar[bool] = True
+    convex: ClassVar[bool] = False
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m], to first order."""
-        height, slope = self._ground(point[:2])
+        height, slope = self.ground(point[:2])
         return (point[2] - height) / jnp.sqrt(1 + jnp.vdot(slope, slope))
 
-    def _ground(self, place: Array) -> tuple[Array, Array]:
+    def measured(self, reach: float = 0.0) -> Any:
+        """Itself for points; for balls the distance of the faces around."""
+        bumpy = max((np.abs(each).max(initial=0.0) for each in creases(self.heights)), default=0.0)
+        return self if reach == 0 or bumpy <= LEVEL * np.ptp(self.heights) else NearFaces.around(self, reach)
+
+    def features(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its peaks, and the points of its ridges."""
+        places = ridge_points(self.heights, self.spacing, self.origin)
+        return places, np.zeros(len(places))
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its ridges, as far as they run along the grid."""
+        ends = ridges(self.heights, self.spacing, self.origin)
+        return ends, np.zeros(len(ends))
+
+    def thickness(self) -> float:
+        """The spacing where it is not even."""
+        return float(np.min(self.spacing)) if len(self.features()[1]) else np.inf
+
+    def ground(self, place: Array) -> tuple[Array, Array]:
+        """Height [m] and slope (2,) at a place (2,) [m]."""
         heights, spacing = jnp.asarray(self.heights), jnp.asarray(self.spacing)
         cells = jnp.asarray(heights.shape) - 1
         at = (place - jnp.asarray(self.origin)) / spacing
@@ -62,6 +87,7 @@ class SignedDistance(Shape):
     function: Callable[..., Array] = static()
     values: Any = ()
     shared: ClassVar[bool] = True
+    convex: ClassVar[bool] = False
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""

@@ -1,14 +1,14 @@
 """Solids of simple form."""
 
 from dataclasses import field
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.inputs import Number, Vector, takes
-from jaxfem.rigid.shapes.base import MassProperties, Shape, length
+from jaxfem.rigid.shapes.base import MassProperties, Shape, length, outside, within
 
 Array = jax.Array
 LENGTH = Number("m", positive=True)
@@ -18,6 +18,7 @@ class Sphere(Shape, word="sphere"):
     """A ball of `radius` [m]."""
 
     radius: Any = field(metadata=takes(LENGTH))
+    swept: ClassVar[bool] = True
 
     def mass_properties(self) -> MassProperties:
         """Volume, centre, inertia per mass."""
@@ -46,13 +47,20 @@ class Box(Shape, word="box"):
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
-        out = jnp.abs(point) - jnp.asarray(self.size) / 2
-        return length(jnp.maximum(out, 0)) + jnp.minimum(jnp.max(out), 0)
+        return outside(jnp.abs(point) - jnp.asarray(self.size) / 2)
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """Its eight corners."""
         signs = np.stack(np.meshgrid(*[[-0.5, 0.5]] * 3, indexing="ij"), -1).reshape(-1, 3)
         return signs * np.asarray(self.size, float), np.zeros(8)
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its twelve edges."""
+        half, sharp = np.asarray(self.size, float) / 2, np.zeros(12)
+        ends = [
+            [np.insert([i, j], axis, side) for side in (-1, 1)] for axis in range(3) for i in (-1, 1) for j in (-1, 1)
+        ]
+        return np.array(ends, float) * half, sharp
 
     def edges(self) -> np.ndarray:
         """Halves of its size."""
@@ -64,6 +72,7 @@ class Capsule(Shape, word="capsule"):
 
     radius: Any = field(metadata=takes(LENGTH))
     length: Any = field(metadata=takes(LENGTH))
+    swept: ClassVar[bool] = True
 
     def mass_properties(self) -> MassProperties:
         """Volume, centre, inertia per mass: a cylinder and two half balls."""
@@ -76,17 +85,17 @@ class Capsule(Shape, word="capsule"):
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
         half = jnp.asarray(self.length) / 2
-        along = jnp.clip(point[2], -half, half)
+        along = within(point[2], -half, half)
         gap: Array = length(point - jnp.stack([0 * along, 0 * along, along])) - self.radius
         return gap
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Balls along its axis, no further apart than a radius or a quarter of its length."""
-        r, h = float(self.radius), float(self.length)
-        count = 2 + min(3, int(h / r))
-        places = np.zeros((count, 3))
-        places[:, 2] = np.linspace(-h / 2, h / 2, count)
-        return places, np.full(count, r)
+        """The balls at its ends."""
+        return _axis(self.length), np.full(2, float(self.radius))
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its axis, with the ball between."""
+        return _axis(self.length)[None], np.array([float(self.radius)])
 
 
 class Cylinder(Shape, word="cylinder"):
@@ -103,12 +112,22 @@ class Cylinder(Shape, word="cylinder"):
 
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
-        out = jnp.stack([length(point[:2]) - self.radius, jnp.abs(point[2]) - jnp.asarray(self.length) / 2])
-        return length(jnp.maximum(out, 0)) + jnp.minimum(jnp.max(out), 0)
+        return outside(jnp.stack([length(point[:2]) - self.radius, jnp.abs(point[2]) - jnp.asarray(self.length) / 2]))
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
-        """Eight points on each rim."""
-        turn = np.arange(8) * np.pi / 4
-        rim = float(self.radius) * np.stack([np.cos(turn), np.sin(turn), 0 * turn], -1)
-        up = np.array([0, 0, float(self.length) / 2])
-        return np.concatenate([rim - up, rim + up]), np.zeros(16)
+        """None: it touches with rims and side."""
+        return np.zeros((0, 3)), np.zeros(0)
+
+    def segments(self) -> tuple[np.ndarray, np.ndarray]:
+        """Its axis: between its ends a ball swept along it is the side."""
+        return _axis(self.length)[None], np.array([float(self.radius)])
+
+    def circles(self) -> np.ndarray:
+        """Both rims."""
+        r = float(self.radius)
+        return np.array([[end, (r, 0, 0), (0, r, 0)] for end in _axis(self.length)])
+
+
+def _axis(length: Any) -> np.ndarray:
+    """Ends (2, 3) of an axis along z."""
+    return np.array([[0, 0, -0.5], [0, 0, 0.5]]) * float(length)

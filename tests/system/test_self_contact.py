@@ -1,0 +1,72 @@
+"""A soft body that touches itself: two patches of its surface, declared."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+import scenes
+
+import jaxfem as jf
+
+
+def clip():
+    """A U on its side, 3 x 1 x 3 cells of 0.1 m less two: a gap of 0.1 m between its arms, 0.2 m long."""
+    whole = jf.mesh.box((0.3, 0.1, 0.3), (3, 1, 3))
+    middle = whole.points[whole.cells].mean(1)
+    kept = whole.cells[~((middle[:, 0] > 0.1) & (middle[:, 2] > 0.1) & (middle[:, 2] < 0.2))]
+    used, number = np.unique(kept, return_inverse=True)
+    mesh = jf.mesh.TetMesh(whole.points[used], number.reshape(-1, 4), name="clip")
+    inside = mesh.points[:, 0] > 0.15
+    return mesh, inside & np.isclose(mesh.points[:, 2], 0.1), inside & np.isclose(mesh.points[:, 2], 0.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("touching", [True, False])
+def test_the_arms_of_a_clip_do_not_pass_through_each_other(touching):
+    mesh, lower, upper = clip()
+    end = np.flatnonzero(np.isclose(mesh.points[:, 0], 0.3) & np.isclose(mesh.points[:, 2], 0.3))
+    held, pull = np.isclose(mesh.points[:, 2], 0), jf.NodalForce(end, (0, 0, -6.0))
+    body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0, damping=0.05, fixed=held, loads=[pull])
+    contact = jf.Contact(body, body, nodes=upper, against=lower, friction=0.2)
+    scene = jf.Scene([body], contacts=[contact] if touching else [])
+    states, info = scenes.rolled(*jf.build(scene, tolerance=1e-7), 1e-2, 40)
+    assert not info.status.any()
+    between = states.positions[:, upper, 2].min(1) - states.positions[:, lower, 2].max(1)
+    if touching:
+        assert between.min() > -2e-3  # the normals of bent faces lean a little
+        assert between[-1] < 1e-2
+    else:
+        assert between.min() < -2e-2
+
+
+def test_momentum_is_kept_while_it_touches_itself():
+    mesh, lower, upper = clip()
+    body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0)
+    scene = jf.Scene([body], gravity=(0, 0, 0), contacts=[jf.Contact(body, body, nodes=upper, against=lower)])
+    model, params, state = jf.build(scene, tolerance=1e-10)
+    (label,) = model.contacts
+    assert label.startswith("rough patches soft-soft")
+    fast = jnp.where(jnp.asarray(mesh.points[:, 2] > 0.15)[:, None], jnp.array([0.0, 0, -20.0]), 0.0)
+    states, info = jf.rollout(model, params, state.replace(velocities=fast), 5e-3, 10)
+    assert not info.status.any()
+    assert float(jf.impulses(model, states)[f"contact {label}"].max()) > 0
+    momentum = jnp.einsum("n,tni->ti", 1000.0 * model.nodal_volumes, states.velocities)
+    start = 1000.0 * model.nodal_volumes @ fast
+    np.testing.assert_allclose(momentum, jnp.broadcast_to(start, momentum.shape), atol=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("more", "text"),
+    [
+        ({}, "two patches of its surface"),
+        ({"nodes": "z+"}, "two patches of its surface"),
+        ({"nodes": "z+", "against": "x+"}, "share nodes"),
+        ({"nodes": [0], "against": "x+"}, "no whole triangle"),
+    ],
+)
+def test_patches_that_are_none_are_refused(more, text):
+    body = jf.SoftBody(jf.mesh.box((1, 1, 1), 1), 1e5, 0.3, 1e3)
+    with pytest.raises(jf.SceneError, match=text):
+        jf.build(jf.Scene([body], contacts=[jf.Contact(body, body, **more)]))
+    other = jf.SoftBody(jf.mesh.box((1, 1, 1), 1, origin=(0, 0, 2)), 1e5, 0.3, 1e3)
+    with pytest.raises(jf.SceneError, match="for a body that touches itself"):
+        jf.build(jf.Scene([body, other], contacts=[jf.Contact(body, other, nodes="z+", against="x+")]))
