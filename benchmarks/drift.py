@@ -23,7 +23,7 @@ from machine import describe, median_time  # noqa: E402
 from report import arguments, finish  # noqa: E402
 
 import jaxfem as jf  # noqa: E402
-import jaxfem.system.coupled as coupled  # noqa: E402
+import jaxfem.system.pull as pull  # noqa: E402
 
 SHARES = {"none": 1e-9, "baumgarte_0.2": 0.2, "whole_gap": 1.0, "projection": 1e-9}
 TRACE = 1e-12  # m/N: a compliance that only carries the damping which makes a share of the gap
@@ -117,7 +117,7 @@ def main():
     side, below = (6, 4) if options.quick else (20, 16)
     figures = {"machine": describe()}
     for stiffness in (True, False):
-        coupled.STIFFNESS_ONSET = 1.0 if stiffness else math.inf
+        pull.ONSET = 1.0 if stiffness else math.inf
         jax.clear_caches()
         scenes = {"net": (grid(jnp.float64, side, below), 120), "chain": (chain(), 600)}
         for name, (scene, steps) in scenes.items():

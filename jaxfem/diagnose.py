@@ -14,6 +14,7 @@ from jaxfem.solvers import Status, describe
 from jaxfem.stepping.checks import StepError, typed
 from jaxfem.stepping.values import wrong_numbers
 from jaxfem.system.coupled import configuration
+from jaxfem.system.holding import STILL, violation
 
 OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than this has come open
 DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over some steps, so a little is usual
@@ -153,32 +154,26 @@ def _sixfold_volumes(corners: np.ndarray) -> np.ndarray:
     return volumes
 
 
-class _Still:
-    """In place of a scheme's stage: rows made with it have the gap itself, with its sign turned, as their bias."""
-
-    ahead = before = None
-
-    def numbers(self, nodes: Any) -> tuple[float, float, float]:
-        """Reach, follow and weight."""
-        return 1.0, 0.0, 1.0
-
-
-STILL: Any = _Still()
-
-
 def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
-    """The most open joint and the deepest contact; with advice where they are worse than they should be."""
-    at, size = configuration(state), _size(model, state)
+    """Joints that are open, the worst first, and the deepest contact; with advice where that is more than it should be.
+
+    The most open joint is told in any case, others where there is something to do.
+    """
+    at, size = configuration(state), 1.0 if model.size is None else float(model.size)
     opened = []
     for label, group in model.joints.items():
+        if not group.holds:
+            continue
         rows = group.rows(at, params.joints[label], STILL)
-        gap, length, softness = _violation(rows), _is_length(rows, at), np.asarray(rows.compliance).max(1)
-        opened += [
-            (amount / (size if far else 1.0), amount, "m" if far else "rad", name, label, soft > 0)
-            for amount, far, name, soft in zip(gap, length, group.names, softness, strict=True)
-        ]
-    if opened:
-        share, amount, unit, name, label, soft = max(opened)
+        gap, softness = np.asarray(violation(rows)), np.asarray(rows.compliance).max(1)
+        share = gap / (size if group.length else 1.0)
+        unit = "m" if group.length else "rad"
+        opened += [(*each, unit, label) for each in zip(share, gap, group.names, softness > 0, strict=True)]
+    told: set[str] = set()
+    for share, amount, name, soft, unit, label in sorted(opened, key=lambda each: -each[0]):
+        if name in told or (told and share <= OPEN):
+            continue
+        told.add(name)
         advice = "see that its anchors fit where the bodies start; take a smaller time step or raise max_iterations"
         advice = f"{advice}; it has a compliance, which lets it give: lower it" if soft else advice
         text = f'joint "{name}" is open by {amount:.3g} {unit} (rows "{label}")'
@@ -219,33 +214,6 @@ def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:
     for label, candidates in model.contacts.items():
         gap = np.asarray(candidates.pairs(at).gap)
         yield float(gap.min()), candidates.names[int(gap.argmin())], label
-
-
-def _violation(rows: Any) -> np.ndarray:
-    """By how much each block of rows is open, (m,). A row counts only where an unbounded impulse should close it."""
-    gap = -np.asarray(rows.bias)
-    lower, upper = (-np.inf, np.inf) if rows.bounds is None else map(np.asarray, rows.bounds)
-    pushed, pulled = np.isinf(upper) & (gap < 0), np.isinf(lower) & (gap > 0)
-    violation: np.ndarray = np.where(pushed | pulled, np.abs(gap), 0.0).max(axis=1)
-    return violation
-
-
-def _is_length(rows: Any, at: Any) -> np.ndarray:
-    """Whether each block of rows measures a length (m,): some linear velocity takes part. Else it is an angle."""
-    triples, jacobian = np.asarray(rows.triples), np.asarray(rows.jacobian)
-    used = (jacobian != 0).reshape(*jacobian.shape[:2], -1, 3).any(axis=(1, 3))
-    lengths: np.ndarray = (used & (triples < at.unknowns - len(at.centers))).any(axis=1)
-    return lengths
-
-
-def _size(model: Model, state: State) -> float:
-    """Length of the scene's largest extent [m], a body's own size (from its inertia) at least."""
-    points = [np.asarray(model.rest)]
-    own = 0.0
-    if model.rigid is not None and state.rigid is not None:
-        points.append(np.asarray(model.rigid.start))
-        own = 2 * float(np.sqrt(np.abs(np.asarray(model.rigid.inertia_per_mass)).max()))
-    return max(float(np.ptp(np.concatenate(points), axis=0).max()), own)
 
 
 def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:

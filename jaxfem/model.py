@@ -137,7 +137,8 @@ class Model(Pytree):
     fixed or driven, `driven`: node indices of each prescribed motion. `method`: how steps are solved, and `choice`: how
     it was chosen; `plan`: what the method made of the topology when the scene was built; `cache`: what `prepare` made
     for it, else None. `scheme`: the time scheme; `frequencies` [rad/s]: those whose damping by the scheme `info`
-    reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `node_group` (n,): a
+    reports. `rigid`: the rigid bodies, None without; `joints`, `contacts`: groups of rows by name. `size` [m]: the
+    largest extent of a scene with joints, contacts or rigid bodies, or of a body in it. `node_group` (n,): a
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
@@ -168,6 +169,7 @@ class Model(Pytree):
     joints: dict[str, Any] = dataclasses.field(default_factory=dict)
     contacts: dict[str, Any] = dataclasses.field(default_factory=dict)
     node_group: Array | None = None
+    size: Array | None = None
     islands: Array | None = None
     drifting: Drifting | None = None
     laws: tuple[Material, ...] = static(default=())

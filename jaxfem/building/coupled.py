@@ -38,11 +38,21 @@ def with_coupling(
     model = model.replace(joints=joints, contacts=contacts)
     if rigid and (contacts or any(each.one_sided for each in joints.values())):
         model = model.replace(islands=_islands(scene, index))
+    model = model.replace(size=jnp.asarray(_size(model), dtype))
     if model.scheme.restarts:
         model = model.replace(node_group=_tied(scene, index)[model.node_body])
     if contacts:
         warn_of_overlaps(scene.contacts, index, model, roughness, state)
     return model, params.replace(joints=softness, contacts=roughness), state
+
+
+def _size(model: Model) -> float:
+    """Length of the scene's largest extent [m], a body's own size (from its inertia) at least."""
+    points, own = [np.asarray(model.rest)], 0.0
+    if model.rigid is not None:
+        points.append(np.asarray(model.rigid.start))
+        own = 2 * float(np.sqrt(np.abs(np.asarray(model.rigid.inertia_per_mass)).max()))
+    return max(float(np.ptp(np.concatenate(points), axis=0).max()), own)
 
 
 def _check(model: Model, rigid: bool) -> None:

@@ -2,21 +2,38 @@
 
 import abc
 from collections import OrderedDict
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import cond_any
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
-from jaxfem.system.coupled import coupled_system, velocities_of
+from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
+from jaxfem.system.holding import held, unmet
 from jaxfem.system.momentum import kept
+from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
 Array = jax.Array
 Impulses = OrderedDict[str, Array]
+
+PULL_ROUNDS = 2
+"""Solves of a step at most, while the pull of its joints grows."""
+
+
+class Ended(Pytree):
+    """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`."""
+
+    solved: Solved
+    missed: dict[str, Array]
+    impact: Array | None
+    passed: Array | None
 
 
 class RowMethod(Method):
@@ -34,10 +51,19 @@ class RowMethod(Method):
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
     ) -> tuple[State, StepInfo]:
         """Make the system, solve it, and move everything with the velocities found."""
-        system = system_of(model, params, state, dt, forces)
-        solved = self.solve(system, model.plan, cache, velocities_of(state), state.memory)
-        solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
-        return ended(model, params, state, dt, solved, system.impact, system.passed, forces)
+
+        def once(impulses: Impulses | None) -> Ended:
+            system = system_of(model, params, state, dt, forces, impulses)
+            solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
+            solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
+            return Ended(solved, unmet(system, solved.velocities, solved.impulses or {}), system.impact, system.passed)
+
+        found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
+        following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces)
+        if not model.joints:
+            return following, info
+        status = held(model, params, configuration(following), found.missed, dt, info.status)
+        return following, info.replace(status=status)
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""
@@ -55,8 +81,40 @@ class RowMethod(Method):
         return OrderedDict() if memory is None else memory
 
 
-def system_of(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> System:
-    """The step's system, of soft bodies alone or of all that the scene holds."""
+def with_fresh_pull(
+    model: Model, params: Params, state: State, dt: Array, once: Callable[[Impulses | None], Ended]
+) -> Ended:
+    """`once(impulses)`, a step's solution with the geometric stiffness of those impulses, and again where it must be.
+
+    A loop, in which what is not needed is passed over, so that the step is compiled once.
+    """
+    middle = midway_inertia(model, params, state, dt)
+
+    def trip(carry: tuple[Impulses, Ended, Array], _: None) -> tuple[tuple[Impulses, Ended, Array], None]:
+        pull, last, due = carry
+
+        def again(pull: Impulses, last: Ended) -> Ended:
+            found = once(pull)
+            info = found.solved.info
+            info = info.replace(iterations=info.iterations + last.solved.info.iterations)
+            return found.replace(solved=found.solved.replace(info=info))
+
+        found: Ended = cond_any(due, again, lambda _, last: last, pull, last)
+        assert found.solved.impulses is not None
+        fresh = found.solved.impulses
+        return (fresh, found, due & pull_grew(model, middle, pull, fresh, dt, configuration(state))), None
+
+    assert state.memory is not None
+    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, state.memory))
+    start = (state.memory, blank, jnp.bool_(True))
+    solution: Ended = jax.lax.scan(trip, start, None, length=PULL_ROUNDS)[0][1]
+    return solution
+
+
+def system_of(
+    model: Model, params: Params, state: State, dt: Array, forces: Array | None, pull: Impulses | None = None
+) -> System:
+    """The step's system, of soft bodies alone or of all that the scene holds; `pull`: see `coupled_system`."""
     if model.coupled:
-        return coupled_system(model, params, state, dt, forces, state.memory)
+        return coupled_system(model, params, state, dt, forces, pull)
     return step_system(model, params, state, dt, forces)

@@ -28,7 +28,7 @@ class Measured(Pytree):
 
 
 class Coordinate(Protocol):
-    """m coordinates of one kind."""
+    """m coordinates of one kind. `length`, where they have it, says whether they are lengths, else angles."""
 
     def measured(self, at: Configuration) -> Measured:
         """Where they are."""
@@ -39,6 +39,11 @@ class Angle(Pytree):
 
     a: Frame
     b: Frame
+
+    @property
+    def length(self) -> bool:
+        """An angle."""
+        return False
 
     def measured(self, at: Configuration) -> Measured:
         """atan2 of b's first axis along a's second and first."""
@@ -56,6 +61,11 @@ class Travel(Pytree):
     b: Point
     frame: Frame
 
+    @property
+    def length(self) -> bool:
+        """A length."""
+        return True
+
     def measured(self, at: Configuration) -> Measured:
         """The third component."""
         value, triples, jacobian = along_axes(self.a.placed(at), self.b.placed(at), self.frame, at)
@@ -67,6 +77,11 @@ class Separation(Pytree):
 
     a: Point
     b: Point
+
+    @property
+    def length(self) -> bool:
+        """A length."""
+        return True
 
     def measured(self, at: Configuration) -> Measured:
         """Its rate: the difference of velocities along the line; zero where the points coincide."""
@@ -81,6 +96,11 @@ class CoordinateRows(JointRows):
     """Rows that act along a coordinate."""
 
     coordinate: Coordinate
+
+    @property
+    def length(self) -> bool:
+        """As the coordinate; of one that does not say, a length."""
+        return bool(getattr(self.coordinate, "length", True))
 
     @property
     def kind(self) -> str:
@@ -160,6 +180,11 @@ class Drive(CoordinateRows):
     """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
 
     position: bool = static(default=False)
+
+    @property
+    def holds(self) -> bool:
+        """What it drives to it need not reach."""
+        return False
 
     def rows(self, at: Configuration, values: DriveValues, stage: Stage) -> PointRows:
         """One row, impulse between -strength dt and strength dt (with the scheme's own weight for dt).

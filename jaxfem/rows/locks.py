@@ -45,6 +45,16 @@ class JointRows(Pytree):
         return f"{ends.a.kind}-{ends.b.kind}"
 
     @property
+    def holds(self) -> bool:
+        """Whether their gap is to be closed: all but motors."""
+        return True
+
+    @property
+    def length(self) -> bool:
+        """Whether their gap is a length, else an angle."""
+        return True
+
+    @property
     def one_sided(self) -> bool:
         """Whether they only push or only pull, and may strike: limits and ropes."""
         return False
@@ -115,6 +125,11 @@ class FrameLock(JointRows):
     a: Frame
     b: Frame
     held: int = static(default=3)
+
+    @property
+    def length(self) -> bool:
+        """An angle."""
+        return False
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: the turn from a's axes to b's; its rate is the relative spin to first order."""

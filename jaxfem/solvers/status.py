@@ -28,6 +28,8 @@ class Status(enum.IntEnum):
     NO_DESCENT = 5
     INNER_SOLVE_FAILED = 6
     INVALID_VALUE = 7
+    CONTRADICTORY_JOINTS = 8
+    OPEN_JOINTS = 9
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
@@ -63,6 +65,8 @@ _MESSAGES = {
         "a smaller time step"
     ),
     Status.INVALID_VALUE: "was given a value that cannot be",
+    Status.CONTRADICTORY_JOINTS: "contradictory joints",
+    Status.OPEN_JOINTS: "left joints open",
 }
 
 

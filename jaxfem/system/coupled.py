@@ -25,10 +25,11 @@ from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.bounds import Friction
 from jaxfem.rows.contact import Gaps, contact_rows
-from jaxfem.rows.locks import Pulling
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.system.impacts import gaps_of, island_slots, with_impacts
+from jaxfem.system.names import contact_name, friction_name, joint_name
+from jaxfem.system.pull import needed_stiffness, pulls
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
 from jaxfem.tensors import inverse_blocks
 
@@ -37,8 +38,6 @@ Array = jax.Array
 
 TRACE = {True: 1e-9, False: 1e-6}
 """Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
-STIFFNESS_ONSET = 1.0
-"""dt^2 |I^-1 K| at which geometric stiffness sets in. Explicit treatment is stable to 4 (Andrews et al. 2017)."""
 
 
 def coupled_system(
@@ -51,7 +50,8 @@ def coupled_system(
 ) -> System:
     """The step's system on all triples: n nodes, b linear, b angular.
 
-    `pull`: impulses of the last step's rows by group, as far as known: what geometric stiffness is made of.
+    `pull`: impulses of rows by group, as far as known: what geometric stiffness is made of. Those of the last step, or
+    where they grow of this one (see `pull.py`).
     """
     at = configuration(state)
     impact = unhindered = None
@@ -72,24 +72,12 @@ def coupled_system(
         def moved(momenta: Array) -> Array:
             return apply_inverse_mass(inverse, momenta)
 
-        extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, pull or {}, dt)
-    hardened = OrderedDict((name, _hardened(rows, *inverse, gaps.get(name))) for name, rows in extra.items())
-    return system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
-
-
-def joint_name(label: str) -> str:
-    """Name of the rows of a group of joints."""
-    return f"joint {label}"
-
-
-def contact_name(label: str) -> str:
-    """Name of the normal rows of a group of contacts."""
-    return f"contact {label}"
-
-
-def friction_name(label: str) -> str:
-    """Name of the tangential rows of a group of contacts."""
-    return f"contact {label} friction"
+        extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory or {}, dt)
+    hardened, traces = OrderedDict[str, PointRows](), {}
+    for name, rows in extra.items():
+        hardened[name], traces[name] = _hardened(rows, *inverse, gaps.get(name))
+    system = system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
+    return system.replace(trace={joint_name(label): traces[joint_name(label)] for label in model.joints})
 
 
 def _extra_rows(
@@ -186,6 +174,12 @@ def apply_mass(system: System, velocities: Array) -> Array:
     return momentum.at[-bodies:].set(turning)
 
 
+def midway_inertia(model: Model, params: Params, state: State, dt: Array) -> Array:
+    """Inertia of the rigid bodies at the middle of the step, (b, 3, 3)."""
+    assert model.rigid is not None and params.rigid is not None and state.rigid is not None
+    return world_inertia(model.rigid, params.rigid.mass, midway(model.rigid, state.rigid, dt))
+
+
 def advance_rigid(
     model: Model, params: Params, state: State, velocities: Array, dt: Array, passed: Array | None = None
 ) -> Any:
@@ -202,8 +196,8 @@ def _with_rigid(
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
     middle, spin = world_inertia(bodies, mass, midway(bodies, rigid, dt)), free_spin(bodies, rigid, dt)
     inertia = middle
-    if any(isinstance(group, Pulling) for group in model.joints.values()):
-        inertia = middle + dt**2 * _needed_stiffness(model, pull, middle, dt, at)
+    if pulls(model):
+        inertia = middle + dt**2 * needed_stiffness(model, pull, middle, dt, at)
         spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
@@ -219,25 +213,8 @@ def _with_rigid(
     )
 
 
-def _needed_stiffness(model: Model, pull: Mapping[str, Array], inertia: Array, dt: Array, at: Configuration) -> Array:
-    """Geometric stiffness of joints with their last impulses `pull`, as far as stability asks for it: (b, 3, 3).
-
-    K (1 - onset / x)+ with x = dt^2 |I^-1 K| (Frobenius): nothing where the step resolves the motion, and elsewhere
-    just enough to keep the explicit remainder at the onset.
-    """
-    total = jnp.zeros_like(inertia)
-    for label, group in sorted(model.joints.items()):
-        if joint_name(label) in pull and isinstance(group, Pulling):
-            total = total + group.tension_stiffness(pull[joint_name(label)] / dt, at)
-    ratio = jnp.einsum("bij,bjk->bik", inverse_blocks(inertia), total)
-    square = jnp.sum(ratio**2, (1, 2))
-    size = dt**2 * jnp.sqrt(jnp.where(square > 0, square, 1))
-    share = jnp.where((square > 0) & (size > STIFFNESS_ONSET), 1 - STIFFNESS_ONSET / size, 0)
-    return share[:, None, None] * total
-
-
-def _hardened(rows: PointRows, scalar: Array, blocks: Array | None, gaps: Gaps | None) -> PointRows:
-    """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer.
+def _hardened(rows: PointRows, scalar: Array, blocks: Array | None, gaps: Gaps | None) -> tuple[PointRows, Array]:
+    """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer; and that trace.
 
     1e-9 (1e-6 in single precision) of a row's own effective inverse mass: the stiffness is that of the mass at the
     step's frequency times 1e9. Rows that move nothing get 1. Contacts that are deep may pull as well, as much as it
@@ -245,8 +222,9 @@ def _hardened(rows: PointRows, scalar: Array, blocks: Array | None, gaps: Gaps |
     """
     diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
     trace = TRACE[diagonal.dtype.itemsize > 4]
-    rows = rows.replace(compliance=rows.compliance + jnp.where(diagonal > 0, trace * diagonal, 1))
+    own = jnp.where(diagonal > 0, trace * diagonal, 1)
+    rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
-        return rows
+        return rows, own
     stopping = jnp.where(gaps.brake > 0, gaps.brake / jnp.where(diagonal > 0, diagonal, jnp.inf), 0)
-    return rows.replace(lower=rows.lower - stopping)
+    return rows.replace(lower=rows.lower - stopping), own

@@ -35,7 +35,8 @@ class System(Pytree):
     With rigid bodies n counts all triples (see `rows/attachments.py`), and `inertia` (b, 3, 3) are the blocks of the
     last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
     there, which is then one of backward Euler. `passed` (b,): share of the step before a rigid body is struck, in which
-    it goes on as it did (see `impacts.py`).
+    it goes on as it did (see `impacts.py`). `trace`: what of the compliance of joints' rows is there to make their
+    matrix regular, by group.
     """
 
     elastic: tuple[ElasticRows, ...]
@@ -53,6 +54,7 @@ class System(Pytree):
     shared_mass: SharedMass | None = None
     before: Array | None = None
     inertia: Array | None = None
+    trace: dict[str, Array] = dataclasses.field(default_factory=dict)
     impact: Array | None = None
     passed: Array | None = None
 
