@@ -56,7 +56,9 @@ class RowMethod(Method):
             system = system_of(model, params, state, dt, forces, impulses)
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
             solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
-            return Ended(solved, unmet(system, solved.velocities, solved.impulses or {}), system.impact, system.passed)
+            return Ended(
+                solved, unmet(model, system, solved.velocities, solved.impulses or {}), system.impact, system.passed
+            )
 
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces)

@@ -24,6 +24,8 @@ AGAINST = 1e-3
 """Of the scene's size: what joints that contradict each other leave open within a step."""
 OPEN = 5e-2
 """Of the scene's size: joints further open than this at the end of a step have not held."""
+MOMENTA = 4.0
+"""Times the momentum of all that moves: impulses of joints that are not against each other stay below."""
 TURN = 4.0
 """rad that count as the scene's size."""
 MOST_PAIRS = 48
@@ -56,13 +58,23 @@ def violation(rows: Any) -> Array:
     return found
 
 
-def unmet(system: System, velocities: Array, impulses: Mapping[str, Array]) -> dict[str, Array]:
-    """Rates (m,) [m/s or rad/s] by which each group of joints is not met by end-of-step velocities, by its name."""
-    found = {}
-    for name, trace in system.trace.items():
-        rows, lam = jax.lax.stop_gradient((system.extra[name], impulses.get(name, 0.0)))
-        left = rows.bias - rows.apply(jax.lax.stop_gradient(velocities)) - (rows.compliance - trace) * lam
-        found[name] = violation(rows.replace(bias=left))
+def unmet(model: Model, system: System, velocities: Array, impulses: Mapping[str, Array]) -> dict[str, Array]:
+    """Rates (m,) [m/s or rad/s] by which each group of joints is not met by end-of-step velocities, by its name.
+
+    Less what impulses as large as the momentum of all that moves leave of it by the trace of compliance.
+    """
+    found: dict[str, Array] = {}
+    if not system.trace or model.size is None:
+        return found
+    system, velocities, size = jax.lax.stop_gradient((system, velocities, model.size))
+    momentum = MOMENTA * jnp.sum(jnp.linalg.norm((system.free * system.mass)[:, None] * system.target, axis=1))
+    for label, group in model.joints.items():
+        name = joint_name(label)
+        rows, trace = system.extra[name], system.trace[name]
+        lam = jax.lax.stop_gradient(impulses.get(name, 0.0))
+        left = rows.bias - rows.apply(velocities) - (rows.compliance - trace) * lam
+        usual = (trace * momentum * (1.0 if group.length else size)).max(axis=1)
+        found[name] = jnp.maximum(violation(rows.replace(bias=left)) - usual, 0)
     return found
 
 

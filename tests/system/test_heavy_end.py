@@ -25,7 +25,7 @@ def built():
     return jf.build(chain())
 
 
-@pytest.mark.parametrize("mass", [1.0, 1e3, 1e4, 1e5])
+@pytest.mark.parametrize("mass", [1.0, 1e2, 1e3, 1e4])
 def test_it_swings_as_a_pendulum_does(built, mass):
     model, params, state = built
     masses = params.rigid.mass.at[-1].set(mass)
