@@ -30,7 +30,8 @@ def _needed(one: Shape, other: Shape, first: bool) -> bool:
 
     A swept shape's own are enough against what is convex; what is not convex has edges of its own, if it has points.
     """
-    if other.flat:
+    ball = other.swept and not len(other.segments()[1]) and one.is_obstacle()  # its centre tells all
+    if other.flat or ball:
         return False
     if not other.convex:
         return not other.has_points() or (first and not one.convex)

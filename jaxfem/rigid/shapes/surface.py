@@ -44,13 +44,13 @@ class TriangleMesh(Shape, word="file"):
 
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """The vertices of its edges."""
-        points, triangles = checked_triangles(self.points, self.triangles)
+        points, triangles = numbered_triangles(self.points, self.triangles)
         edges = sharp_edges(points, triangles)
         return points[np.unique(edges)], np.zeros(len(np.unique(edges)))
 
     def segments(self) -> tuple[np.ndarray, np.ndarray]:
         """Its edges."""
-        points, triangles = checked_triangles(self.points, self.triangles)
+        points, triangles = numbered_triangles(self.points, self.triangles)
         ends = points[sharp_edges(points, triangles)]
         return ends, np.zeros(len(ends))
 
