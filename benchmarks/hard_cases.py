@@ -5,7 +5,7 @@ those ways of running them; `--every-route` those of the quick half by all. Each
 wanted; its line says whether that held ("right"), or whether a status, a warning or an error said so ("flagged: ..."),
 or nothing did ("SILENT: ..."). Columns: energy growth over kinetic, elastic and weight energy; momentum lost where
 nothing outside acts; recovery, the distance from the undeformed shape over the size; most iterations of a step; status.
-Results: hard_cases.csv, .json and .png.
+Results: hard_cases.csv, .json and .png; `python benchmarks/hard/page.py` puts them into docs/hard_cases.md.
 """
 
 import argparse
@@ -24,7 +24,7 @@ import jax
 
 jax.config.update("jax_enable_x64", True)
 
-from hard import contact, jointed, slopes, soft, values  # noqa: E402, F401
+from hard import contact, jointed, shapes, slopes, soft, values  # noqa: E402, F401
 from hard.case import CASES, Case, Setting, judged  # noqa: E402
 from hard.table import COLUMNS, picture  # noqa: E402
 from machine import describe  # noqa: E402
@@ -74,9 +74,13 @@ def main() -> None:
     parser.add_argument("--only", help="comma-separated words, one of which is in a case's name or group")
     parser.add_argument("--routes", help="comma-separated routes")
     parser.add_argument("--dtypes", default=",".join(DTYPES))
+    parser.add_argument("--shapes", type=pathlib.Path, help="only draw some soft cubes on their way back, to this PNG")
     parser.add_argument("--out", type=pathlib.Path, help="folder for the results")
     options = parser.parse_args()
     begun, lines, before = time.perf_counter(), [], None
+    if options.shapes:
+        shapes.draw(options.shapes)
+        return
     for each, at in chosen(options):
         if before not in (None, at) and "JAX_COMPILATION_CACHE_DIR" in os.environ:
             jax.clear_caches()

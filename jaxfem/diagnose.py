@@ -150,7 +150,8 @@ def _inverted(model: Model, places: np.ndarray) -> Iterator[Finding]:
 
 
 def _sixfold_volumes(corners: np.ndarray) -> np.ndarray:
-    volumes: np.ndarray = np.linalg.det(corners[:, 1:] - corners[:, :1])
+    with np.errstate(invalid="ignore"):  # of elements that are not finite: they are told of by themselves
+        volumes: np.ndarray = np.linalg.det(corners[:, 1:] - corners[:, :1])
     return volumes
 
 

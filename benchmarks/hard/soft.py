@@ -98,9 +98,9 @@ def soft_spin(at: Setting) -> Told:
     run = roll(world, DT, STEPS, state)
     before, after = (np.linalg.norm(momenta(world, run.params, each)[2]) for each in (run.frames[0], run.end))
     lost = abs(1 - after / before) if np.isfinite(after) else np.nan
-    return Told(
-        [Wanted("angular momentum lost", lost, at.rounding(1e-9, 1e-3))], [run], recovery=recovery(world, run.end)
-    )
+    kept = Wanted("angular momentum lost", lost, at.rounding(1e-9, 1e-3))
+    wanted = [kept, Wanted("energy growth", run.energy_growth, 0.05)]
+    return Told(wanted, [run], recovery=recovery(world, run.end))
 
 
 @case("E jumps by 1e6 inside", "soft material", SOFT, quick=True)
