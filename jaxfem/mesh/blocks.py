@@ -5,7 +5,8 @@ import dataclasses
 import numpy as np
 
 from .checks import Floats, Ints, MeshError
-from .cutting import cut_faces, cut_solids, node_order
+from .cutting import cut_solids
+from .diagonals import Diagonals, diagonals
 from .raw import CORNERS, RawMesh, dimension, shape_of
 
 FLAT_KINDS = ("polygon", "polyline", "polyvertex", "strip", "empty")  # unknown kinds of cells that have no volume
@@ -35,9 +36,10 @@ def sort_out(raw: RawMesh, source: str) -> Parts:
             "mesh with tetrahedra, hexahedra, wedges or pyramids"
         )
     corners = [_corners(kind, rows) for kind, rows in raw.blocks]
-    rank = node_order(len(raw.points), [corners[i] for i, _ in _of_shape(raw, "hexahedron")])
-    points, cells, cell_groups, notes = _solids(raw, corners, rank, source)
-    faces = _faces(raw, corners, rank)
+    solids = {shape: [corners[i] for i in _of_shape(raw, shape)] for shape, (_, dim) in CORNERS.items() if dim == 3}
+    rule = diagonals(len(raw.points), {shape: np.concatenate(own) for shape, own in solids.items() if own})
+    points, cells, cell_groups, notes = _solids(raw, corners, rule, source)
+    faces = _faces(raw, corners, rule)
     nodes: dict[str, list[Ints]] = {name: [np.asarray(own, np.int64)] for name, own in raw.node_sets.items()}
     for name, members in raw.cell_sets.items():
         for block, chosen in members:
@@ -55,8 +57,8 @@ def sort_out(raw: RawMesh, source: str) -> Parts:
 
 def surface_of(raw: RawMesh) -> Ints:
     """All triangles (k, 3) of a file, quadrilaterals cut in two; (0, 3) where there are none."""
-    rank = np.arange(len(raw.points))
-    rows = [cut_faces(_corners(kind, rows), rank).reshape(-1, 3) for kind, rows in raw.blocks if dimension(kind) == 2]
+    rule = diagonals(len(raw.points), {})
+    rows = [rule.triangles(_corners(kind, rows)).reshape(-1, 3) for kind, rows in raw.blocks if dimension(kind) == 2]
     return np.concatenate([np.zeros((0, 3), np.int64), *rows])
 
 
@@ -65,22 +67,22 @@ def _corners(kind: str, rows: Ints) -> Ints:
     return rows if shape is None else rows[:, : CORNERS[shape][0]]
 
 
-def _of_shape(raw: RawMesh, shape: str) -> list[tuple[int, str]]:
-    return [(i, kind) for i, (kind, _) in enumerate(raw.blocks) if shape_of(kind) == shape]
+def _of_shape(raw: RawMesh, shape: str) -> list[int]:
+    return [i for i, (kind, _) in enumerate(raw.blocks) if shape_of(kind) == shape]
 
 
 def _solids(
-    raw: RawMesh, corners: list[Ints], rank: Ints, source: str
+    raw: RawMesh, corners: list[Ints], rule: Diagonals, source: str
 ) -> tuple[Floats, Ints, dict[str, Ints], tuple[str, ...]]:
     """Points, tetrahedra and groups of them. Blocks of one shape are cut together, so that each is told once."""
     points, made, notes = raw.points, list[Ints](), list[str]()
     place: dict[int, tuple[int, Ints]] = {}  # of a block: its first element, and the cell of each element
     start = 0
     for shape in (shape for shape, (_, dim) in CORNERS.items() if dim == 3):
-        own = [i for i, _ in _of_shape(raw, shape)]
+        own = _of_shape(raw, shape)
         if not own:
             continue
-        cut = cut_solids(shape, np.concatenate([corners[i] for i in own]), points, rank, source)
+        cut = cut_solids(shape, np.concatenate([corners[i] for i in own]), points, rule, source)
         points = cut.points
         order = np.argsort(cut.parents, kind="stable")
         made.append(cut.tets[order])
@@ -101,16 +103,16 @@ def _solids(
     return points, np.concatenate(made), joined, tuple(notes)
 
 
-def _faces(raw: RawMesh, corners: list[Ints], rank: Ints) -> dict[str, Ints]:
+def _faces(raw: RawMesh, corners: list[Ints], rule: Diagonals) -> dict[str, Ints]:
     """Groups of triangles: sets of surface cells, and of faces."""
     groups = {
-        name: [cut_faces(np.asarray(rows, np.int64), rank).reshape(-1, 3) for rows in faces]
+        name: [rule.triangles(np.asarray(rows, np.int64)).reshape(-1, 3) for rows in faces]
         for name, faces in raw.face_sets.items()
     }
     for name, members in raw.cell_sets.items():
         for block, chosen in members:
             if dimension(raw.blocks[block][0]) == 2:
-                groups.setdefault(name, []).append(cut_faces(corners[block][chosen], rank).reshape(-1, 3))
+                groups.setdefault(name, []).append(rule.triangles(corners[block][chosen]).reshape(-1, 3))
     joined = {name: np.concatenate([np.zeros((0, 3), np.int64), *each]) for name, each in groups.items()}
     # a file may hold a face from both sides
     return {

@@ -117,12 +117,24 @@ def degenerate(points: Floats, cells: Ints) -> Mask:
 def first_equal(rows: Ints) -> Ints:
     """For each row (m, k) the number (m,) of the first row with the same entries in any order."""
     ordered = np.sort(rows, axis=1)
-    order = np.lexsort(ordered.T)  # stable: equal rows stay in their own order
+    keys = _keys(ordered)
+    # stable: equal rows stay in their own order
+    order = np.lexsort(ordered.T) if keys is None else np.argsort(keys, kind="stable")
     new = np.ones(len(rows), dtype=bool)
-    new[1:] = (ordered[order[1:]] != ordered[order[:-1]]).any(axis=1)
+    new[1:] = (ordered[order[1:]] != ordered[order[:-1]]).any(axis=1) if keys is None else np.diff(keys[order]) != 0
     first = np.empty(len(rows), dtype=np.int64)
     first[order] = order[new][np.cumsum(new) - 1]
     return first
+
+
+def _keys(rows: Ints) -> Ints | None:
+    """One number for each row of node numbers, which sorts several times faster; None where it would not fit."""
+    if not rows.size or rows.min() < 0 or (int(rows.max()) + 1) ** rows.shape[1] > np.iinfo(np.int64).max:
+        return None
+    keys, base = rows[:, 0].copy(), int(rows.max()) + 1
+    for column in rows.T[1:]:
+        keys = keys * base + column
+    return keys
 
 
 def unreferenced(nodes: int, cells: Ints) -> Ints:

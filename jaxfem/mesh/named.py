@@ -31,17 +31,28 @@ def _numbers(values: Any, count: int, what: str) -> Ints:
 
 def checked_faces(groups: Mapping[str, Any], cells: Ints, name: str) -> Groups:
     """Groups of triangles (k, 3), each a face of some element and turned outward; MeshError names one that is not."""
-    made: Groups = {}
-    for key, values in groups.items():
-        what = f'face group "{key}" of "{name}"'
-        faces = _triangles(values, what)
-        made[str(key)], missing = oriented_like(faces, element_faces(cells))
-        if len(missing):
-            nodes = listed(faces[missing[0]])
+    faces = {str(key): _triangles(values, f'face group "{key}" of "{name}"') for key, values in groups.items()}
+    made, missing = _oriented(faces, cells)
+    for key, numbers in missing.items():
+        if len(numbers):
+            nodes = listed(faces[key][numbers[0]])
             raise MeshError(
-                f"triangle {missing[0]} of {what} is not a face of any element (nodes {nodes}): leave it out"
+                f'triangle {numbers[0]} of face group "{key}" of "{name}" is not a face of any element (nodes {nodes}):'
+                " leave it out"
             )
     return made
+
+
+def _oriented(groups: Groups, cells: Ints) -> tuple[Groups, Groups]:
+    """Each group's triangles turned outward, and the numbers of those that no element has: all groups in one search."""
+    if not groups:
+        return {}, {}
+    turned, missing = oriented_like(np.concatenate(list(groups.values())), element_faces(cells))
+    ends = np.cumsum([len(faces) for faces in groups.values()])
+    starts = ends - [len(faces) for faces in groups.values()]
+    made = {name: turned[a:b] for name, a, b in zip(groups, starts, ends, strict=True)}
+    lost = {name: missing[(missing >= a) & (missing < b)] - a for name, a, b in zip(groups, starts, ends, strict=True)}
+    return made, lost
 
 
 def _triangles(values: Any, what: str) -> Ints:
@@ -65,19 +76,18 @@ def renumbered_faces(
     """Groups of triangles, after only the nodes in `kept` stayed; those no element has are dropped with a note."""
     new = np.full(count, -1, dtype=np.int64)
     new[kept] = np.arange(len(kept))
-    made: Groups = {}
-    notes: list[str] = []
+    moved: Groups = {}
     for key, values in groups.items():
         old = _triangles(values, f'face group "{key}" of "{name}"')
         if len(old) and (old.min() < 0 or old.max() >= count):
             raise MeshError(
                 f'face group "{key}" of "{name}" uses a node that does not exist: nodes are 0 to {count - 1}'
             )
-        faces = new[old]
-        missing = oriented_like(faces, element_faces(cells))[1]
-        if len(missing):
-            notes.append(
-                f'face group "{key}": {len(missing)} of {len(faces)} triangles are no face of any element; left out'
-            )
-        made[str(key)] = np.delete(faces, missing, axis=0)
-    return made, tuple(notes)
+        moved[str(key)] = new[old]
+    missing = _oriented(moved, cells)[1]
+    notes = [
+        f'face group "{key}": {len(lost)} of {len(moved[key])} triangles are no face of any element; left out'
+        for key, lost in missing.items()
+        if len(lost)
+    ]
+    return {key: np.delete(faces, missing[key], axis=0) for key, faces in moved.items()}, tuple(notes)

@@ -53,7 +53,7 @@ class RawMesh:
                 )
         numbers = np.cumsum([len(rows) > 0 for _, rows in self.blocks]) - 1
         sets = {
-            name: [(int(numbers[block]), chosen) for block, chosen in members if len(self.blocks[block][1])]
+            name: [(int(numbers[block]), chosen) for block, chosen in members if len(chosen)]
             for name, members in self.cell_sets.items()
         }
         return dataclasses.replace(self, points=points, blocks=blocks, cell_sets=sets)

@@ -83,7 +83,7 @@ def test_a_warped_brick_is_cut_around_its_middle():
     found = [from_cells(np.roll(points, s, axis=0), {"hexahedron": [(np.arange(8) + s) % 8]}) for s in range(8)]
     assert {len(mesh.cells) for mesh in found} <= {6, 12} and any(len(mesh.points) == 9 for mesh in found)
     assert all((mesh.volumes > 0).all() and mesh.volume > 0.2 for mesh in found)
-    assert any("warped, around a new node" in mesh.notes[0] for mesh in found)
+    assert any("around a new node in the middle" in mesh.notes[0] for mesh in found)
 
 
 def test_collapsed_bricks_are_wedges_and_tetrahedra():
@@ -124,3 +124,36 @@ def test_bad_input_is_named():
         from_cells(CUBE, {"hexahedron": [list(range(1, 9))]})
     with pytest.raises(MeshError, match=r"merge=-1"):
         from_cells(CUBE, {"hexahedron": [list(range(8))]}, merge=-1)
+
+
+@pytest.mark.parametrize("diagonals", [(0, 0), (0, 1), (1, 0), (1, 1)])
+def test_tetrahedra_straight_on_bricks_fit(diagonals):
+    """Two bricks with two tetrahedra each on top, joined along either diagonal: the bricks are cut as these are.
+
+    Where no order of nodes serves, as for both diagonals at a common edge, a brick gets a node in its middle.
+    """
+    points, cells = bricks((2, 1, 1))
+    tets, tips = [], []
+    for number, (cell, odd) in enumerate(zip(cells, diagonals, strict=True)):
+        a, b, c, d = np.roll(cell[4:], -odd)
+        tip = len(points) + number
+        tets += [[a, b, c, tip], [a, c, d, tip]]
+        tips.append(points[cell].mean(axis=0) + np.array([0, 0, 1.5]))
+    mesh = from_cells(np.concatenate([points, tips]), {"tetra": tets, "hexahedron": cells})
+    report = quality(mesh)
+    assert mesh.volume == pytest.approx(2 + 2 / 3) and report.closed_surface and report.shared_too_often == 0
+    # no face inside is left alone: the outside has 8 squares of two triangles each, and 8 slopes
+    assert len(mesh.surface) == 2 * 8 + 8
+    assert report.surface_area == pytest.approx(8 + 8 * np.sqrt(1.25) / 2)
+
+
+def test_wedges_and_bricks_with_tetrahedra_in_any_order():
+    """Every second brick of a block as six tetrahedra beforehand: what touches them is cut to fit."""
+    points, cells = bricks((3, 2, 2), np.random.default_rng(5))
+    some = from_cells(points, {"hexahedron": cells[::2]})
+    place = {tuple(p): i for i, p in enumerate(points)}
+    tets = np.array([place[tuple(p)] for p in some.points])[some.cells]
+    mesh = from_cells(points, {"tetra": tets, "hexahedron": cells[1::2]})
+    report = quality(mesh)
+    assert mesh.volume == pytest.approx(12) and report.surface_area == pytest.approx(2 * (6 + 6 + 4))
+    assert report.closed_surface and report.components == 1

@@ -126,6 +126,16 @@ def test_bricks_and_quadratic_cells_as_another_program_writes_them(tmp_path, ver
         assert read(tmp_path / "part.msh").volume == pytest.approx(volume)
 
 
+def test_nodes_with_parameters(tmp_path):
+    """Mesh.SaveParametric: what follows a place on its curve or surface is passed over."""
+    text = text_22().replace("Nodes\n", "ParametricNodes\n").replace("\n2 1 0 0\n", "\n2 1 0 0 1 5 0.25\n")
+    (tmp_path / "part.msh").write_text(text.replace("\n4 0 0 1\n", "\n4 0 0 1 2 3 0.5 0.25\n"))
+    np.testing.assert_array_equal(read(tmp_path / "part.msh").points, POINTS)
+    (tmp_path / "part.msh").write_bytes(binary_22().replace(b"Nodes\n", b"ParametricNodes\n"))
+    with pytest.raises(MeshError, match="parametric and binary: save it without"):
+        read(tmp_path / "part.msh")
+
+
 def test_groups_on_surfaces_only(tmp_path):
     """With physical surfaces alone and all saved, the volume is in no group and still there."""
     text = text_41().replace("1 0 0 0 1 1 1 1 3 0", "1 0 0 0 1 1 1 0 0").replace("2 3 -4 1 1 \n$End", "0 1 1 \n$End")

@@ -39,7 +39,7 @@ def read_foreign(path: Path) -> RawMesh:
     """A mesh file as meshio reads it."""
     import meshio
 
-    raw = meshio.read(path)
+    raw = _nastran(path) if path.suffix.lower() in (".bdf", ".nas", ".fem") else meshio.read(path)
     blocks = [(VTK_NAMES.get(block.type, block.type), np.asarray(block.data)) for block in raw.cells]
     mesh = RawMesh(raw.points, blocks)
     for key in TAGS:
@@ -57,6 +57,16 @@ def read_foreign(path: Path) -> RawMesh:
     mesh.node_sets |= {str(name): np.asarray(numbers, np.int64) for name, numbers in raw.point_sets.items()}
     _families(raw, mesh)
     return mesh
+
+
+def _nastran(path: Path) -> Any:
+    """Nastran's cards, also without the line that announces them, as Gmsh and others write them."""
+    import meshio
+
+    text = path.read_text(errors="replace")
+    if "BEGIN BULK" not in text:
+        text = "BEGIN BULK\n" + text + ("" if "ENDDATA" in text else "\nENDDATA\n")
+    return meshio.read(io.StringIO(text), file_format="nastran")
 
 
 def _families(raw: Any, mesh: RawMesh) -> None:

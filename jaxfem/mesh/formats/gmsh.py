@@ -15,6 +15,7 @@ from .gmsh4 import read_4
 from .gmsh_types import kind_and_nodes
 from .numbers import Numbers, node_index
 
+BINARY = ("Nodes", "ParametricNodes", "Elements", "Entities", "PartitionedEntities")
 Names = dict[tuple[int, int], str]
 
 
@@ -31,6 +32,8 @@ def read_gmsh(path: Path) -> RawMesh:
     swapped = binary and content[head.end() : head.end() + 4] == b"\x00\x00\x00\x01"
     sections = dict(_sections(content, Numbers(b"", binary, swapped, width)))
     names = _names(sections.get("PhysicalNames"))
+    if "ParametricNodes" in sections:
+        sections["Nodes"] = _plain(sections["ParametricNodes"])
     if "Nodes" not in sections or "Elements" not in sections:
         raise MeshError("it has no $Nodes with $Elements")
     if version >= 4:
@@ -49,7 +52,7 @@ def _sections(content: bytes, style: Numbers) -> Iterator[tuple[str, Numbers]]:
             end = content.find(b"$END" + found[1], found.end())
         if end < 0:
             raise MeshError(f"its section ${name} does not end: the file is cut short")
-        binary = style.binary and name in ("Nodes", "Elements", "Entities", "PartitionedEntities")
+        binary = style.binary and name in BINARY
         yield name, Numbers(content[found.end() : end], binary, style.swapped, style.width)
         place = end + 4 + len(name)
 
@@ -64,6 +67,7 @@ def _names(section: Numbers | None) -> Names:
 
 def _two(nodes: Numbers, elements: Numbers, names: Names, version: float) -> RawMesh:
     """Versions 1 and 2. An element in several groups is there several times, once with the number of each."""
+    nodes = nodes if nodes.binary else _plain(nodes)
     count = nodes.count()
     if nodes.binary:
         table = nodes.records(count, [("number", "i4"), ("place", "f8", 3)])
@@ -82,6 +86,14 @@ def _two(nodes: Numbers, elements: Numbers, names: Names, version: float) -> Raw
         tags.append(groups)
     sets = sets_of_tags(blocks, tags, names)
     return _once(RawMesh(points, blocks, sets))
+
+
+def _plain(section: Numbers) -> Numbers:
+    """Nodes without their coordinates on curves and surfaces, which older versions write after the place."""
+    if section.binary:
+        raise MeshError("its nodes are parametric and binary: save it without Mesh.SaveParametric, or as version 4.1")
+    lines = section.content.splitlines()
+    return Numbers(b"\n".join(lines[:1] + [b" ".join(line.split()[:4]) for line in lines[1:]]), False)
 
 
 def _elements(section: Numbers, version: float) -> Iterator[tuple[str, Ints, Ints]]:

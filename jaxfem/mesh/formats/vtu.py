@@ -17,6 +17,7 @@ import numpy as np
 from ..checks import MeshError
 from ..raw import RawMesh
 from .foreign import TAGS
+from .lz4 import unpack_lz4
 from .vtk_cells import mesh_of
 
 APPENDED = re.compile(rb"<AppendedData([^>]*)>\s*_", re.DOTALL)
@@ -130,4 +131,6 @@ def _unpacker(compressor: str | None) -> Callable[[bytes], bytes] | None:
         return zlib.decompress
     if compressor == "vtkLZMADataCompressor":
         return lzma.decompress
+    if compressor == "vtkLZ4DataCompressor":
+        return unpack_lz4
     raise MeshError(f"it is compressed by {compressor}, which cannot be read here: save it with ZLib, or uncompressed")
