@@ -143,7 +143,7 @@ def commands(text: str) -> list[list[str]]:
 def test_what_a_page_says_of_the_cache_is_what_the_command_does():
     page = (ROOT / "docs" / "compile_cache.md").read_text(encoding="utf-8")
     assert f"`{programs.SWITCH}=off`" in page and "--no-cache" in page and f"{programs.LARGEST >> 30} GB" in page
-    (block,) = blocks("python", page)
+    block = blocks("python", page)[0]
     assert re.findall(r'"(jax_\w+)"', block) == list(EXTRA_KEYS[:1] + EXTRA_KEYS[3:])
 
 
