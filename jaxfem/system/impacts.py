@@ -35,6 +35,8 @@ FORCE_STEPS = 2.0
 PLAUSIBLE = 0.25
 """Of a row's rate: what the impulses of the last step may add in this one. They are not those of a smooth motion
 where something struck in it."""
+STILL = 1e-2
+"""Of the gap at which bodies touch: a way in a step that is none."""
 ROUNDS = 4
 """Bodies in contact with each other through which an impact is passed on."""
 
@@ -124,11 +126,13 @@ def _approach(rows: PointRows, gaps: Gaps, islands: Array, before: Array, free: 
 
 
 def _possible(ways: Any, dt: Array) -> Array:
-    """Whether anything may be placed; else a step costs no more than this."""
-    found = [
-        jnp.any((w.side != 0) & (w.gap + 1.5 * dt * w.rate < 0) & (w.rate < -FORCE_STEPS * jnp.abs(w.coming - w.rate)))
-        for w in ways
-    ]
+    """Whether anything may be placed; else a step costs no more than this. What rests has rates that are rounding."""
+
+    def any_of(way: Approach) -> Array:
+        slow = FORCE_STEPS * jnp.abs(way.coming - way.rate) + STILL * way.near / dt
+        return jnp.any((way.side != 0) & (way.gap + 1.5 * dt * way.rate < 0) & (way.rate < -slow))
+
+    found = [any_of(way) for way in ways]
     return jnp.stack(found).any()
 
 
