@@ -21,7 +21,8 @@ class Measurement:
     """Samples from the release on: `times` (T,) [s] since then, `positions` (T, M, 3) [m], `seen` (T, M), `origin` (M,
     3) the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
     names markers without an origin; `free_origin`: it is no better known than any sample, and found with the fit;
-    `begins` (3,): time of the release in the recording [s], and the interval that holds it."""
+    `begins` (3,): time of the release in the recording [s], and the interval that holds it; `stood` (M, 3): the places
+    before the release as they were recorded, NaN where unknown."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -32,6 +33,7 @@ class Measurement:
     left_out: tuple[str, ...] = ()
     free_origin: bool = False
     begins: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    stood: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
 
     @property
     def displacement_scale(self) -> float:
@@ -58,6 +60,7 @@ def measurement(
         )
     still = slice(0, first + 1) if compare == "displacement" or frame == "rest" else slice(first, first + 1)
     origin, still_rows = _origin(recording, still, first)
+    stood = _origin(recording, slice(0, first + 1), first)[0]
     positions = recording.positions[first:last]
     if frame == "rest":
         known = np.isfinite(origin).all(axis=1)
@@ -81,7 +84,7 @@ def measurement(
     times_of = recording.times
     begins = (float(times_of[first]), float(times_of[earliest]), float(times_of[latest]))
     return Measurement(
-        times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin, begins
+        times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin, begins, stood
     )
 
 

@@ -6,13 +6,16 @@ from typing import Any
 
 import numpy as np
 
+from jaxfem.declared.errors import checked_choice
 from jaxfem.fitting.advice import advice, text_of
+from jaxfem.fitting.before import outside, refuse, start_faults, written_faults
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress, Visit
 from jaxfem.fitting.markers import Markers, attach, marker_positions
 from jaxfem.fitting.measurement import Measurement, measurement
 from jaxfem.fitting.objective import Outcome, Plan, make_problem
 from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.repairs import repaired
 from jaxfem.fitting.search import Search, find, levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
 from jaxfem.fitting.unknowns import (
@@ -30,6 +33,7 @@ from jaxfem.materials.linear import DAMPING
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping import check_call, typed
 
+CHECKS = ("refuse", "warn")
 MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
 
@@ -43,7 +47,8 @@ class FitResult:
     residual of a coordinate; `times` (T,) [s] since the release at `release` [s] of the recording, which lies in
     `release_interval` [s] with 95 %; `residuals` (simulated less measured, NaN where missing), `simulated`, `measured`
     (T, M, 3) [m] in the body's frame; `markers`: names; `history`: every evaluation; `status`: "converged", "iteration
-    limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong.
+    limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong; `repairs`:
+    what was left out, repaired or noticed in the recording.
     """
 
     constants: tuple[Constant, ...]
@@ -63,6 +68,7 @@ class FitResult:
     history: tuple[Visit, ...]
     status: str
     warnings: tuple[str, ...]
+    repairs: tuple[str, ...] = ()
 
     def summary(self) -> str:
         """Values with error bars, the misfit and all warnings, as text."""
@@ -71,6 +77,7 @@ class FitResult:
             f"  residual {1e3 * self.noise:.3g} mm rms a coordinate, {len(self.times)} samples of {len(self.markers)} "
             f"markers from {self.release:g} s on; {self.status}, {len(self.history)} simulations"
         )
+        lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)
 
@@ -93,6 +100,7 @@ def fit(
     sigma: Any = None,
     search: Search | None = None,
     progress: Progress | None = None,
+    checks: str = "refuse",
 ) -> FitResult:
     """Recover material values from a recording of markers: values, error bars and what to beware of.
 
@@ -106,6 +114,8 @@ def fit(
     against their places) or "all" (best rigid frame over all samples, found again for each trial). `compare`:
     "displacement" since the release, or "position". `release`: "auto" or a time of the recording [s]; `end`: a time,
     "settled" or None. `sigma`: scatter of the samples [m], one number, one a marker or (M, 3).
+    `checks`: before the search the recording is looked at, wrong samples are left out (`FitResult.repairs` says which)
+    and what cannot be right is refused; "warn" goes on and makes it a warning.
     `progress(stage, iteration, loss, values)` is called after each simulation. Ctrl-C returns the best so far.
 
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
@@ -115,13 +125,17 @@ def fit(
     params, state = typed(model, params, state)  # plain numbers are fine, as in `step`
     check_call(model, params, state, dt)
     markers = markers if isinstance(markers, Markers) else attach(model, markers)
-    recording = recording.subset(markers.names)
+    checked_choice("checks", checks, CHECKS, FitError)
+    recording = repaired(recording.subset(markers.names))
     nominal = np.asarray(marker_positions(markers, state.positions), np.float64)
     measured = measurement(recording, nominal, frame=frame, compare=compare, release=release, end=end)
+    faults, notes = written_faults(recording, measured, nominal, model, params, state, frame, compare)
+    faults = refuse(faults, checks)
     unknown, free_starts = _unknowns(model, params, parameters, starts, bounds, measured.spacing)
     plan, dt = _plan(unknown, measured, dt, frame, compare)
     problem = make_problem(model, params, state, markers, measured, plan, dt, sigma)
     evaluator = Evaluator(problem, plan, unknown, progress)
+    faults += refuse(start_faults(_searching(evaluator), free_starts[0], measured, frame), checks)
     z, status = _searched(evaluator, free_starts, search or Search())
     evaluator.stage = "error bars"
     residual, jacobian, outcome = evaluator.linear(z)
@@ -134,9 +148,11 @@ def fit(
     warnings = advice(
         model, found, unknown, z, spread, measured, simulated, dt, int(outcome.status != 0) and evaluator.step_failures
     )
+    warnings = (*faults, *warnings)
+    repairs = (*recording.notes, *notes, *outside(params, unknown))
     if status == "converged" and int(outcome.status) != 0:
         status = "steps failed"
-    return _result(evaluator, z, spread, outcome, found, measured, status, warnings)
+    return _result(evaluator, z, spread, outcome, found, measured, status, warnings, repairs)
 
 
 def _unknowns(
@@ -155,6 +171,10 @@ def _unknowns(
             if constant.transform.proportional and not each[constant.name] > 0:
                 raise FitError(f"the start of {constant.name} is {each[constant.name]:g}; it must be positive")
     ranges = [unknowns(constants, each, bounds, spacing) for each in given]
+    for each in starts or ():
+        for name, (low, high) in dict(bounds or {}).items():
+            if name in each and not low <= each[name] <= high:
+                raise FitError(f"the start of {name}, {each[name]:g}, is outside its bounds, {low:g} to {high:g}")
     both = Unknowns(constants, np.min([r.lower for r in ranges], axis=0), np.max([r.upper for r in ranges], axis=0))
     return both, [both.unknown(each) for each in given]
 
@@ -169,8 +189,13 @@ def _plan(unknown: Unknowns, measured: Measurement, dt: float, frame: str, compa
     return Plan(unknown.constants, frames, every, solved, compare, measured.free_origin), dt
 
 
+def _searching(evaluator: Evaluator) -> Evaluator:
+    """Takes one step a sample where many are asked for."""
+    return evaluator.with_steps(1) if evaluator.plan.every >= MANY_SUBSTEPS else evaluator
+
+
 def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> tuple[np.ndarray, str]:
-    coarse = evaluator.with_steps(1) if evaluator.plan.every >= MANY_SUBSTEPS else evaluator
+    coarse = _searching(evaluator)
     try:
         if coarse is evaluator:
             z = find(evaluator, starts, search)
@@ -212,6 +237,7 @@ def _result(
     measured: Measurement,
     status: str,
     warnings: tuple[str, ...],
+    repairs: tuple[str, ...],
 ) -> FitResult:
     errors = np.abs(evaluator.unknowns.slopes(z)) * np.sqrt(np.diag(spread.covariance))
     seen = measured.seen[..., None]
@@ -237,6 +263,7 @@ def _result(
         history=tuple(evaluator.history),
         status=status,
         warnings=warnings,
+        repairs=repairs,
     )
 
 

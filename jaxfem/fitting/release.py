@@ -66,8 +66,8 @@ def find_release(recording: Recording) -> Release:
     rise = max(1, top - (before[-1] if before.size else 0))
     start, end = max(0, half - max(BEFORE, 8 * rise)), min(len(s), top + 2)
     window, when = s[start:end], times[start:end]
-    candidates = np.arange(max(1, half - start + 1))
-    ssr = _unexplained(window, when, candidates, rise)
+    candidates = np.arange(rows[start], rows[half] + 1)  # rows in which nothing was seen too
+    ssr = _unexplained(window, when, recording.times[candidates] / recording.spacing, rise)
     floor = len(window) * (1e-7 * largest) ** 2 + np.finfo(float).tiny  # rounding, of exact data
     log = -0.5 * len(window) * np.log(ssr + floor)
     alone = -0.5 * len(window) * np.log(((window - window.mean()) ** 2).sum() + floor)
@@ -82,7 +82,10 @@ def find_release(recording: Recording) -> Release:
     low, high = int(np.searchsorted(share, tail)), int(np.searchsorted(share, 1 - tail))
     best = int(np.argmax(weight))
     noise = float(np.sqrt(ssr.min() / max(len(window) - 4, 1)) / largest)
-    at = rows[start + np.array([best, min(low, best), max(high, best)])]
+    at = candidates[[best, min(low, best), max(high, best)]]
+    # Rows around the best in which nothing was seen cannot be told apart from it.
+    at[1] = min(at[1], rows[rows <= at[0]].max(initial=rows[0]))
+    at[2] = max(at[2], rows[rows > at[0]].min(initial=rows[-1]) - 1)
     return Release(int(at[0]), int(at[1]), int(at[2]), float(rise), noise)
 
 
@@ -125,9 +128,9 @@ def scatter(signal: np.ndarray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(signal, 4))) / np.sqrt(70))
 
 
-def _unexplained(s: np.ndarray, times: np.ndarray, candidates: np.ndarray, rise: float) -> np.ndarray:
-    """Sums of squares (R, W) left by the best still level and motion, for each last still row and w."""
-    k = np.maximum(times - times[candidates][:, None], 0.0)[:, None, :]  # (R, 1, n)
+def _unexplained(s: np.ndarray, times: np.ndarray, starts: np.ndarray, rise: float) -> np.ndarray:
+    """Sums of squares (R, W) left by the best still level and motion, for each time of the last still row and w."""
+    k = np.maximum(times - starts[:, None], 0.0)[:, None, :]  # (R, 1, n)
     w = (RATES / rise)[None, :, None]
     angle = np.minimum(w * k, np.pi)
     shapes = [np.sin(np.minimum(angle, 0.5 * np.pi)), 1 - np.cos(angle)]

@@ -114,6 +114,40 @@ def test_an_end_at_a_bound_is_said(beam):
 
 
 @pytest.mark.slow
+def test_bad_recordings_are_refused_before_the_search(beam):
+    """One linearised simulation shows what places and clock do not; `progress` tells of each simulation of a search."""
+
+    def none_asked_for(*visit):
+        raise AssertionError("a search was begun")
+
+    def refused(recording, message, **settings):
+        with pytest.raises(FitError, match=message):
+            beam.fit(recording, FAR_OFF[0], progress=none_asked_for, **settings)
+
+    good = beam.recording(still=30)
+    first = good.positions[:1]
+    displaced = good.positions - first
+    refused(Recording(good.times, 1e3 * good.positions, good.names), "in mm instead of m")
+    refused(Recording(100 * good.times, good.positions, good.names), "frame numbers")
+    refused(Recording(good.times, first - displaced, good.names), "the markers move against .* turn the sign")
+    opposed = displaced * np.where(np.arange(5) == 0, -1, 1)[:, None]
+    refused(Recording(good.times, first + opposed, good.names), '"tip" moves against')
+    refused(good, "only young/density can be found", parameters=("young", "density", "damping"))
+    refused(good, "the start of young, 1e.07, is outside", bounds={"young": (1e4, 1e6)}, starts=[{"young": 1e7}])
+
+
+@pytest.mark.slow
+def test_what_was_repaired_is_said_and_does_no_harm(beam):
+    recording = beam.recording(still=30)
+    recording.positions[40:45, 0] = 0.0
+    recording.positions[60, 1, 2] += 0.05
+    result = beam.fit(recording, {}, release=0.3)
+    assert max(errors(result).values()) < 1e-4
+    assert "tip: 5 samples from 0.4 s on" in result.repairs[0] and "left: 1 sample" in result.repairs[1]
+    assert "recording: tip" in result.summary()
+
+
+@pytest.mark.slow
 def test_optax_descent_may_come_first(beam):
     result = beam.fit(beam.recording(), FAR_OFF[1], search=Search(candidates=1, descent=4))
     assert max(errors(result).values()) < 1e-5

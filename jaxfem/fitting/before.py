@@ -1,0 +1,180 @@
+"""Checks before the search: what cannot be right is refused with its cause, in words.
+
+First what the recording says by itself, against the given places and the scene's loads; then one linearised simulation
+at the start: does the body move the way that was recorded, does every parameter move the markers, and can they be told
+apart at all.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.measurement import Measurement
+from jaxfem.fitting.objective import linearised
+from jaxfem.fitting.place_checks import place_faults
+from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.unknowns import DELAY, Unknowns
+from jaxfem.materials.constants import Constant
+from jaxfem.model import Model, Params, State, nodal_mass
+from jaxfem.solvers import Status
+from jaxfem.system.soft import external_force
+
+AGAINST = -0.5  # cosine between recorded and simulated motion, below which they are opposed
+BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
+
+
+def refuse(faults: Sequence[str], checks: str) -> list[str]:
+    """FitError of all faults; with checks = "warn" they come back, for the warnings."""
+    if faults and checks == "refuse":
+        listed = "; ".join(faults)
+        raise FitError(f'the recording and the scene do not fit together. {listed}. (checks = "warn" goes on anyway)')
+    return list(faults)
+
+
+def written_faults(
+    recording: Recording,
+    measured: Measurement,
+    nominal: np.ndarray,
+    model: Model,
+    params: Params,
+    state: State,
+    frame: str,
+    compare: str,
+) -> tuple[list[str], list[str]]:
+    """(faults, notes) of the recording as it stands, without a simulation."""
+    faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare)
+    if not faults:
+        faults = [*jump_faults(recording), *pace_faults(recording, load_acceleration(model, params, state))]
+    return faults, [*notes, *pauses_in_words(recording)]
+
+
+def load_acceleration(model: Model, params: Params, state: State) -> float | None:
+    """Acceleration [m/s^2] of a soft body at rest by its loads alone, over all of it; None where something else moves
+    it: driven nodes, joints, contacts, a velocity or a shape it starts with."""
+    driven = bool(model.driven) or bool(model.joints) or bool(model.contacts) or model.rigid is not None
+    if driven or np.asarray(state.velocities).any() or not np.allclose(state.positions, model.rest, rtol=0, atol=1e-9):
+        return None
+    if not model.loads:
+        return float(np.linalg.norm(params.gravity))
+    force = external_force(model, params, state.positions)
+    return float(jnp.linalg.norm(force.sum(axis=0)) / nodal_mass(model, params.density).sum())
+
+
+def start_faults(evaluator: Evaluator, z: np.ndarray, measured: Measurement, frame: str) -> list[str]:
+    """What one linearised simulation at the start z shows; nothing where it breaks down, which the search may mend."""
+    problem = evaluator.problem
+    at = jnp.asarray(z, problem.model.rest.dtype)
+    residual, jacobian, outcome = linearised(at, problem, evaluator.plan)
+    columns = np.asarray(jacobian, np.float64).reshape(z.size, -1)
+    if Status(int(outcome.status)) in BROKEN or not (np.isfinite(residual).all() and np.isfinite(columns).all()):
+        return []
+    weights = np.asarray(problem.weights, np.float64)
+    told = np.asarray(outcome.simulated, np.float64) * weights  # in the residual's unit
+    size = float(np.sqrt(((told - told.mean(axis=0)) ** 2).sum()))
+    faults = (
+        []
+        if frame == "all"
+        else _direction(
+            np.asarray(outcome.simulated, np.float64), measured, problem.markers.names, evaluator.plan.compare
+        )
+    )
+    return faults + open_faults(columns, evaluator.unknowns, size, float(jnp.finfo(at.dtype).eps))
+
+
+def open_faults(columns: np.ndarray, unknown: Unknowns, size: float, eps: float) -> list[str]:
+    """Parameters that move nothing, and combinations that nothing tells apart, by the Jacobian (P, N) of the unknowns.
+
+    `size`: of the motion, in the residual's unit; `eps` of the arithmetic.
+    """
+    norms = np.linalg.norm(columns, axis=1)
+    blind = norms <= 100 * eps * max(size, norms.max())
+    faults = [
+        f"{each.title} ({each.name}): changing it moves no marker in these samples, so it cannot be found from them: "
+        "leave it out of parameters"
+        for each, nothing in zip(unknown.constants, blind, strict=True)
+        if nothing
+    ]
+    left = np.flatnonzero(~blind)
+    if left.size < 2:
+        return faults
+    scaled = columns[left] / norms[left][:, None]
+    _, sizes, shapes = np.linalg.svd(scaled @ scaled.T)
+    null = shapes[sizes < eps**0.8 * sizes[0]] / norms[left]
+    if len(null):
+        faults.append(combinations_in_words([unknown.constants[k] for k in left], null))
+    return faults
+
+
+def combinations_in_words(constants: Sequence[Constant], null: np.ndarray) -> str:
+    """What can be found where the directions `null` (k, P) of z change nothing.
+
+    With logarithms as unknowns a direction of (1, 1) leaves the ratio of two constants, one of (1, -1) their product.
+    """
+    share = np.abs(null).max(axis=0) / np.abs(null).max()
+    within = [k for k in range(len(constants)) if share[k] > 1e-3]
+    names = [constants[k].name for k in within]
+    logarithmic = all(constants[k].transform.proportional for k in within)
+    cure = f"hold {' or '.join(names)} fixed, or add a recording that tells them apart"
+    if len(null) == 1 and len(within) == 2 and logarithmic:
+        a, b = (float(null[0, k]) for k in within)
+        power = -a / b  # z_a + power z_b does not change along the direction
+        times = "/" if power < 0 else "*"
+        other = names[1] if abs(abs(power) - 1) < 0.02 else f"{names[1]}^{abs(power):.2g}"
+        return f"only {names[0]}{times}{other} can be found from this recording: {cure}"
+    count = len(within) - len(null)
+    number = "no combination" if count == 0 else f"only {count} combination{'s' if count > 1 else ''}"
+    return f"{number} of {', '.join(names)} can be found from this recording: {cure}"
+
+
+def outside(params: Params, unknown: Unknowns) -> list[str]:
+    """The scene's own values that had to be moved inside the bounds to start from."""
+    notes = []
+    for each, low, high in zip(unknown.constants, unknown.lower, unknown.upper, strict=True):
+        if each is DELAY:
+            continue
+        value = float(np.mean(np.asarray(params.constants[each.name])))
+        if not low <= value <= high and value > 0:
+            inside = float(np.clip(value, low, high))
+            notes.append(f"{each.name} of the scene, {value:.4g}, is outside the bounds: the start is {inside:.4g}")
+    return notes
+
+
+def _direction(simulated: np.ndarray, measured: Measurement, names: Sequence[str], compare: str) -> list[str]:
+    """Markers that move against the simulated motion: an axis or gravity points the other way.
+
+    The direction hardly depends on the stiffness. Compared is the mean of each marker's displacement over time.
+    """
+    seen = measured.seen[..., None]
+    count = np.maximum(seen.sum(axis=0), 1)
+    real = np.where(seen, measured.positions - measured.origin, 0.0).sum(axis=0) / count
+    told = np.where(seen, simulated - simulated[0], 0.0).sum(axis=0) / count
+    if measured.free_origin or compare == "position":  # the origin is any guess there: the first sample of each marker
+        first = np.take_along_axis(measured.positions, np.argmax(measured.seen, axis=0)[None, :, None], axis=0)[0]
+        real = np.where(seen, measured.positions - first, 0.0).sum(axis=0) / count
+    scale = np.linalg.norm(real) * np.linalg.norm(told)
+    if scale == 0:
+        return []
+    if (cosine := float((real * told).sum() / scale)) > AGAINST:
+        return _one_against(real, told, names) if cosine > -AGAINST else []
+    axes: Any = [axis for axis, a, b in zip("xyz", real.sum(axis=0), told.sum(axis=0), strict=True) if a * b < 0]
+    return [
+        f"the axes: the markers move against what the scene's loads make the body do (cosine {cosine:.2f}; along "
+        f"{', '.join(axes) or 'all axes'}): turn the sign of that axis in the recording, or of gravity or the loads"
+    ]
+
+
+def _one_against(real: np.ndarray, told: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Single markers that move against their simulated motion, among those that move much."""
+    far, near = np.linalg.norm(told, axis=1), np.linalg.norm(real, axis=1)
+    cosines = (real * told).sum(axis=1) / np.maximum(far * near, np.finfo(float).tiny)
+    much = (far > 0.3 * far.max()) & (near > 0.3 * near.max())
+    return [
+        f'the places: "{names[k]}" moves against its simulated motion (cosine {cosines[k]:.2f}) while the others move '
+        "along: see its name, its place and its columns"
+        for k in np.flatnonzero(much & (cosines < AGAINST)).tolist()
+    ]

@@ -1,0 +1,216 @@
+"""What is wrong with single samples: codes of lost ones, samples that stick, outliers, names exchanged for a while.
+
+Found by comparison with the same marker's neighbouring samples; what is repaired is said. A sample is never made up:
+one that cannot be right becomes a missing one.
+"""
+
+import dataclasses
+from collections.abc import Iterator
+
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.recording import Recording
+
+ABSURD = 1e5  # m: no marker stands there
+STUCK = 3  # rows with the very same place, while it and others move
+MANY = 0.2  # share of a marker's samples; beyond, it is not outliers that are wrong
+FAR = 12.0  # times the usual scatter
+SHARE = 0.3  # of the motion: one smaller outlier moves no value by more than its error bar
+
+
+def repaired(recording: Recording) -> Recording:
+    """The recording with wrong samples missing, exchanged names put right, and notes of both.
+
+    FitError where so many are wrong that it is not samples that are at fault.
+    """
+    positions, notes = recording.positions.copy(), list(recording.notes)
+    flat = recording.unit == "px"  # the third coordinate of pixels is always 0
+    for m, name in enumerate(recording.names):
+        notes += [f"{name}: {text}" for text in _lost_codes(positions[:, m], recording, flat)]
+    notes += _exchanged(positions, recording)
+    moving = _steps(positions)
+    for m, name in enumerate(recording.names):
+        others = np.delete(moving, m, axis=1)
+        notes += [f"{name}: {text}" for text in _stuck(positions[:, m], others, recording)]
+    notes += _outliers(positions, recording)
+    return dataclasses.replace(recording, positions=positions, notes=tuple(notes))
+
+
+def _lost_codes(places: np.ndarray, recording: Recording, flat: bool) -> Iterator[str]:
+    """Samples whose coordinates are one and the same number (0 0 0, 9999 9999 9999) or absurd, away from the others."""
+    known = places[:, :2] if flat else places
+    seen = np.isfinite(known).all(axis=1)
+    absurd = seen & (np.abs(known) > ABSURD).any(axis=1) & (not flat)
+    alike = seen & (known == known[:, :1]).all(axis=1)
+    good = seen & ~alike & ~absurd
+    if good.sum() >= 2:
+        middle = np.median(known[good], axis=0)
+        reach = np.linalg.norm(known[good] - middle, axis=1)
+        away = np.linalg.norm(known - middle, axis=1)
+        alike &= (away > 2 * reach.max()) | _off_the_line(known, alike, good)
+    else:  # too few others to compare with: only places where nothing ever stands
+        alike &= np.zeros_like(alike)
+    lost = absurd | alike
+    if lost.any():
+        code = places[np.argmax(lost)].max()
+        places[lost] = np.nan
+        yield f"{_rows(lost, recording)}: {code:g} stands for a lost sample, so they are missing"
+
+
+def _off_the_line(known: np.ndarray, alike: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Which samples with a code lie off the line between the good ones before and after, by more than these differ."""
+    rows = np.arange(len(known))
+    usual = np.quantile(np.linalg.norm(np.diff(known[good], axis=0), axis=1), 0.9)
+    between = np.stack([np.interp(rows, rows[good], known[good, i]) for i in range(known.shape[1])], axis=1)
+    return np.asarray(alike & (np.linalg.norm(known - between, axis=1) > 4 * usual))
+
+
+def _steps(positions: np.ndarray) -> np.ndarray:
+    """Distances from row to row (T - 1, M), NaN beside missing samples."""
+    return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=-1))
+
+
+def _exchanged(positions: np.ndarray, recording: Recording) -> Iterator[str]:
+    """Two markers that jump to each other's places and later back: named right again."""
+    count = positions.shape[1]
+    for a in range(count):
+        for b in range(a + 1, count):
+            pair = positions[:, [a, b]]
+            straight = np.linalg.norm(pair[1:] - pair[:-1], axis=-1).max(axis=1)
+            crossed = np.linalg.norm(pair[1:] - pair[:-1, ::-1], axis=-1).max(axis=1)
+            known = np.isfinite(straight)
+            if not known.any():
+                continue
+            usual = np.median(straight[known])
+            flips = np.flatnonzero(known & (straight > 5 * crossed) & (straight > 5 * usual))
+            if not 1 <= len(flips) <= 6:
+                continue
+            turned = np.cumsum(np.isin(np.arange(len(pair)), flips + 1)) % 2 == 1
+            positions[turned, a], positions[turned, b] = pair[turned, 1], pair[turned, 0]
+            names = f"{recording.names[a]} and {recording.names[b]}"
+            yield f"{names}: {_rows(turned, recording)}: their names were exchanged, and are put right"
+
+
+def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iterator[str]:
+    """Runs of the very same place that end in a leap, while other markers move on: a lost one's last place is kept."""
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
+    moved = steps[np.isfinite(steps) & (steps > 0)]
+    if not moved.size or not others.size:
+        return
+    usual = np.nanmedian(np.where(np.isfinite(others), others, np.nan), axis=0) if others.size else np.zeros(0)
+    same = np.concatenate([[False], steps == 0])
+    lost = np.zeros(len(places), bool)
+    for start, end in _runs(same):
+        long = end - start >= STUCK - 1 and end < len(places)
+        if long and np.nanmax(others[start - 1 : end]) > 0.5 * np.nanmax([*usual, 0.0]) and steps[end - 1] > 0:
+            if steps[end - 1] > 2 * np.quantile(moved, 0.5) and (others[start - 1 : end] > 0).any(axis=1).all():
+                lost[start:end] = True
+    if lost.any():
+        places[lost] = np.nan
+        yield f"{_rows(lost, recording)}: stands at its last place while others move, so they are missing"
+
+
+def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
+    """Samples that neither what comes before nor what comes after leads to, alone or between two leaps, of one marker
+    while the others go on as usual; a leap without return ends the marker's samples."""
+    motion = _motion(positions)
+    away = np.stack([_away_of(positions[:, m], recording.times) for m in range(positions.shape[1])], axis=1)
+    usual = np.stack([FAR * np.nanmedian(away, axis=0), 3 * np.nanquantile(away, 0.9, axis=0)])
+    usual = np.minimum(
+        usual, 5 * np.median(usual, axis=1, keepdims=True)
+    )  # no marker may be much worse than the others
+    limits = np.maximum(usual.max(axis=0), SHARE * motion)
+    common = (np.nan_to_num(away) > 0.3 * limits).sum(axis=1) > max(1, 0.5 * positions.shape[1])
+    for m, name in enumerate(recording.names):
+        places = positions[:, m]
+        seen = np.isfinite(places).all(axis=1)
+        if seen.sum() < 8 or motion == 0:
+            continue
+        gone, slipped = _leaps(places, recording, motion, common)
+        lost = gone | _singles(places, recording, limits[m], seen & ~gone & ~common)
+        if lost.sum() > MANY * seen.sum():
+            raise FitError(
+                f'marker "{name}" leaps in {int(lost.sum())} of its {int(seen.sum())} samples: it is mislabelled '
+                "or badly tracked. Clean it in the capture software, or leave the marker out"
+            )
+        if lost.any():
+            places[lost] = np.nan
+            yield f"{name}: {_rows(lost, recording)}: far off what comes before and after, so missing"
+        if slipped is not None:
+            places[slipped:] = np.nan
+            yield f"{name}: leaps at {recording.times[slipped]:g} s and does not come back: missing from then on"
+
+
+def _motion(positions: np.ndarray) -> float:
+    """How far a usual marker moves, robustly [m]; of all of them the median."""
+    low, high = (np.nanquantile(positions, share, axis=0) for share in (0.02, 0.98))
+    return float(np.nanmax([np.nanmedian(np.linalg.norm(high - low, axis=-1)), 0.0]))
+
+
+def _leaps(
+    places: np.ndarray, recording: Recording, motion: float, common: np.ndarray
+) -> tuple[np.ndarray, int | None]:
+    """Samples between a leap and the leap back (T,), and the row of a leap without return."""
+    gone = np.zeros(len(places), bool)
+    rows = np.flatnonzero(np.isfinite(places).all(axis=1))
+    steps = np.diff(places[rows], axis=0)
+    size = np.linalg.norm(steps, axis=1)
+    near = np.diff(recording.times[rows]) < 1.5 * recording.spacing
+    usual = np.sort(size)[max(0, len(size) - 5)]
+    leaps = np.flatnonzero(near & (size > 3 * usual) & (size > 0.5 * motion) & ~common[rows[1:]] & ~common[rows[:-1]])
+    while leaps.size >= 2:
+        first, second = leaps[:2]
+        if np.linalg.norm(steps[first] + steps[second]) > 0.3 * size[first]:
+            break
+        gone[rows[first + 1 : second + 1]] = True
+        leaps = leaps[2:]
+    return gone, int(rows[leaps[0] + 1]) if leaps.size == 1 else None
+
+
+def _singles(places: np.ndarray, recording: Recording, limit: float, trusted: np.ndarray) -> np.ndarray:
+    lost = np.zeros(len(places), bool)
+    for _ in range(1 + int(MANY * trusted.sum())):
+        rows = np.flatnonzero(np.isfinite(places).all(axis=1) & ~lost)
+        away = np.where(trusted[rows], _away(places[rows], recording.times[rows]), 0.0)
+        worst = int(np.argmax(away))
+        if rows.size < 8 or away[worst] <= limit:
+            break
+        lost[rows[worst]] = True
+    return lost
+
+
+def _away_of(places: np.ndarray, times: np.ndarray) -> np.ndarray:
+    away = np.full(len(places), np.nan)
+    rows = np.flatnonzero(np.isfinite(places).all(axis=1))
+    if rows.size >= 3:
+        away[rows] = _away(places[rows], times[rows])
+    return away
+
+
+def _away(places: np.ndarray, times: np.ndarray) -> np.ndarray:
+    """How far each sample (n, 3) lies from what its neighbours lead to: lines through the two before, the two after
+    and one on each side, the nearest of the three, so that a kink, a blow or a release, is none."""
+    n = len(places)
+    k = np.arange(n)
+    guesses = []
+    for one, two in ((-2, -1), (1, 2), (-1, 1)):
+        i, j = k + one, k + two
+        there = (i >= 0) & (j < n)
+        i, j = np.clip(i, 0, n - 1), np.clip(j, 0, n - 1)
+        share = (times - times[i]) / np.where(there, times[j] - times[i], 1.0)
+        guess = places[i] + share[:, None] * (places[j] - places[i])
+        guesses.append(np.where(there, np.linalg.norm(places - guess, axis=1), np.inf))
+    return np.asarray(np.min(guesses, axis=0))
+
+
+def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
+    return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
+
+
+def _rows(flags: np.ndarray, recording: Recording) -> str:
+    """ "3 samples from 0.1 s on"."""
+    first = recording.times[int(np.argmax(flags))]
+    count = int(flags.sum())
+    return f"{count} sample{'s' if count > 1 else ''} from {first:g} s on"
