@@ -49,7 +49,7 @@ def fit_from_file(file: FitFile, recording: Any = None) -> FitResult:
     source = recording or file.recording
     if source is None:
         raise FitError(f'{file.source} names no recording: add recording = "FILE.csv", or give --recording FILE.csv')
-    samples = read_recording(source)
+    samples = read_recording(source, **file.reading)
     model, params, state = file.scene.build()
     dt = samples.spacing / file.substeps if file.substeps else file.scene.dt
     with Ticker() as ticker:
@@ -92,6 +92,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "markers": list(result.markers),
         "simulations": len(result.history),
         "status": result.status,
+        "repairs": list(result.repairs),
         "warnings": list(result.warnings),
     }
 

@@ -160,7 +160,7 @@ def _direction(simulated: np.ndarray, measured: Measurement, names: Sequence[str
     if scale == 0:
         return []
     if (cosine := float((real * told).sum() / scale)) > AGAINST:
-        return _one_against(real, told, names) if cosine > -AGAINST else []
+        return _one_against(real, told, names) if cosine > 0 else []
     axes: Any = [axis for axis, a, b in zip("xyz", real.sum(axis=0), told.sum(axis=0), strict=True) if a * b < 0]
     return [
         f"the axes: the markers move against what the scene's loads make the body do (cosine {cosine:.2f}; along "

@@ -5,22 +5,26 @@ from pathlib import Path
 from typing import Any
 
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
+from jaxfem.fitting.recovery import CHECKS
 from jaxfem.fitting.unknowns import known_constants, usual_names
 from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
 TOP_KEYS = ("scene", "recording", "markers", "fit", "output")
-FIT_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "bounds", "starts")
+FIT_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "bounds", "starts")
+RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
 
 
 @dataclasses.dataclass(frozen=True)
 class FitFile:
-    """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line), `places` of the
+    """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line) and how it is
+    read (`reading`: unit, rate, camera), `places` of the
     markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit`, `folder`."""
 
     scene: SceneFile
     recording: Path | None
+    reading: dict[str, Any]
     places: dict[str, tuple[float, float, float]]
     substeps: int | None
     settings: dict[str, Any]
@@ -31,8 +35,9 @@ class FitFile:
 def load_fit(path: Any) -> FitFile:
     """Read a fit file. Relative paths in it start at its folder.
 
-    Top level: `scene`, `recording`; [markers] NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
-    compare, release, end, substeps, sigma, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
+    Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
+    NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
+    compare, release, end, substeps, sigma, checks, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
     [output] folder. FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
     """
     source = Path(path)
@@ -41,7 +46,7 @@ def load_fit(path: Any) -> FitFile:
         top = Table(values, "the top level", TOP_KEYS)
         scene_path = source.parent / top.text("scene")
         table = top.table("fit", FIT_KEYS, "[fit]")
-        recording = top.text("recording", None)
+        recording, reading = _recording(top)
         output = top.table("output", OUTPUT_KEYS, "[output]")
         places, substeps = _places(top), table.integer("substeps", None)
     except SceneFileError as problem:
@@ -54,12 +59,26 @@ def load_fit(path: Any) -> FitFile:
     return FitFile(
         scene=scene,
         recording=None if recording is None else source.parent / recording,
+        reading=reading,
         places=places,
         substeps=substeps,
         settings=settings,
         folder=source.parent / output.text("folder", f"{source.stem}_fit"),
         source=source,
     )
+
+
+def _recording(top: Table) -> tuple[str | None, dict[str, Any]]:
+    """The recording's path, and what is said of how to read it."""
+    if not isinstance(top.get("recording", None), dict):
+        return top.text("recording", None), {}
+    table = top.table("recording", RECORDING_KEYS, "[recording]")
+    reading = {
+        "unit": table.text("unit", None),
+        "rate": table.number("rate", None, unit="1/s", positive=True),
+        "camera": table.grid("camera", None, what="numbers, three rows of four"),
+    }
+    return table.text("file"), reading
 
 
 def _places(top: Table) -> dict[str, tuple[float, float, float]]:
@@ -78,6 +97,7 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
         "release": _time(table, "release", "auto", "auto"),
         "end": _time(table, "end", None, "settled"),
         "sigma": table.number("sigma", None, unit="m", positive=True),
+        "checks": table.choice("checks", CHECKS, "refuse"),
     }
     bounds = table.table("bounds", parameters, "[fit.bounds]")
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}

@@ -75,6 +75,9 @@ def test_files_in_values_tables_and_plots_out(folder, capsys):
         ('recording = "recording.csv"', "", "names no recording"),
         ('recording = "recording.csv"', 'recording = "gone.csv"', "gone.csv"),
         ('scene = "scene.toml"', 'scene = "gone.toml"', "gone.toml"),
+        ("[fit]", '[fit]\nchecks = "some"', "checks"),
+        ('recording = "recording.csv"', 'recording = { file = "recording.csv", units = "mm" }', "did you mean 'unit'?"),
+        ('recording = "recording.csv"', 'recording = { file = "gone.trc", unit = "mm" }', "gone.trc"),
         ("[output]", "[fit.starts]\nyoung = [1e5, 1e6]\ndamping = 1e-3\n[output]", "differ in length"),
         ("[output]", "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]", "unknown key 'poisson' in [fit.bounds]"),
     ],
@@ -89,7 +92,13 @@ def test_settings_are_read(folder):
     extra = "[fit.starts]\nyoung = [1e5, 1e6]\n[fit.bounds]\nyoung = [1e3, 1e7]\n[output]"
     text = FIT.replace("[output]", extra).replace("[fit]", '[fit]\nframe = "all"\nend = "settled"\nsubsteps = 3')
     (folder / "full.toml").write_text(text)
+    text = text.replace('"recording.csv"', '{ file = "r.csv", unit = "mm", rate = 100 }').replace(
+        "[fit]", '[fit]\nchecks = "warn"'
+    )
+    (folder / "full.toml").write_text(text)
     file = load_fit(folder / "full.toml")
+    assert file.recording.name == "r.csv" and file.reading == {"unit": "mm", "rate": 100, "camera": None}
+    assert file.settings["checks"] == "warn"
     assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
     assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.settings["end"] == "settled"
 
