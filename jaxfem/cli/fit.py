@@ -85,7 +85,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "units": {each.name: each.unit for each in result.constants},
         "correlation": result.correlation.tolist(),
         "loss": result.loss,
-        "residual_rms_m": result.noise,
+        f"residual_rms_{result.unit}": result.noise,
         "release_s": result.release,
         "release_interval_s": list(result.release_interval),
         "samples": len(result.times),
@@ -102,7 +102,7 @@ def _write_residuals(path: Path, result: FitResult) -> Path:
     kinds = ("measured", "simulated", "residual")
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["time_s", "marker", *(f"{kind}_{axis}_m" for kind in kinds for axis in "xyz")])
+        writer.writerow(["time_s", "marker", *(f"{kind}_{axis}_{result.unit}" for kind in kinds for axis in "xyz")])
         for k, time in enumerate(result.times):
             for m, name in enumerate(result.markers):
                 cells = [v for each in (result.measured, result.simulated, result.residuals) for v in each[k, m]]

@@ -15,8 +15,8 @@ from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_word
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.objective import linearised
-from jaxfem.fitting.place_checks import place_faults
+from jaxfem.fitting.objective import linearised, pixels
+from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
@@ -47,6 +47,10 @@ def written_faults(
     compare: str,
 ) -> tuple[list[str], list[str]]:
     """(faults, notes) of the recording as it stands, without a simulation."""
+    if recording.camera is not None:
+        nominal = np.asarray(pixels(jnp.asarray(recording.camera), jnp.asarray(nominal)))
+        faults = pixel_faults(measured.stood, nominal, recording.names)
+        return [*faults, *jump_faults(recording), *pace_faults(recording, None)], pauses_in_words(recording)
     faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare)
     if not faults:
         faults = [*jump_faults(recording), *pace_faults(recording, load_acceleration(model, params, state))]

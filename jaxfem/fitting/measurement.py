@@ -51,6 +51,12 @@ def measurement(
     """
     checked_choice("frame", frame, FRAMES, FitError)
     checked_choice("compare", compare, COMPARISONS, FitError)
+    if recording.unit == "px" and (recording.camera is None or frame != "none"):
+        raise FitError(
+            "the recording holds pixels: "
+            + (f'frame = "{frame}" needs places; use "none"' if frame != "none" else "give its camera = (3, 4) matrix")
+            + ", which takes places in the body's frame to pixels"
+        )
     first, earliest, latest = release_index(recording, release)
     last = _end(recording, end, first)
     if last - first < 2:

@@ -36,7 +36,8 @@ class Plan:
 
 class Problem(Pytree):
     """Everything else: scene, markers, samples `measured` (T, M, 3) with `weights` (T, M, 3) that are 0 where missing,
-    `origin` (M, 3), `times` (T,) in frames since the start, step `dt`."""
+    `origin` (M, 3), `times` (T,) in frames since the start, step `dt`; `camera` (3, 4) where they are pixels (u, v, 0),
+    None where they are places."""
 
     model: Model
     params: Params
@@ -47,6 +48,7 @@ class Problem(Pytree):
     origin: Array
     times: Array
     dt: Array
+    camera: Array | None = None
 
 
 class Outcome(Pytree):
@@ -66,16 +68,20 @@ def make_problem(
     plan: Plan,
     dt: float,
     sigma: Any,
+    camera: Any = None,
 ) -> Problem:
     """Arrays of the compiled evaluation; `sigma`: None, or one number, one a marker (M,), or (M, 3) [m]."""
     dtype = model.rest.dtype
     weights = np.broadcast_to(measured.seen[..., None], measured.positions.shape).astype(np.float64)
     weights = weights / _sigma(sigma, measured)
+    if camera is not None:
+        weights[..., 2] = 0.0  # pixels have two coordinates
     cast = [
         jnp.asarray(a, dtype)
         for a in (measured.positions, weights, measured.origin, measured.times / (plan.every * dt), dt)
     ]
-    return Problem(model, params, state, markers, *cast)
+    problem = Problem(model, params, state, markers, *cast)
+    return problem if camera is None else problem.replace(camera=jnp.asarray(camera, dtype))
 
 
 @partial(jax.jit, static_argnames="plan")
@@ -131,7 +137,15 @@ def _simulated_frames(params: Params, problem: Problem, plan: Plan) -> tuple[Arr
     states, infos = rollout(problem.model, params, problem.state, problem.dt, steps, every=plan.every)
     start = marker_positions(problem.markers, problem.state.positions)
     frames = jnp.concatenate([start[None], marker_positions(problem.markers, states.positions)])
+    if problem.camera is not None:
+        frames = pixels(problem.camera, frames)
     return frames, jnp.max(infos.status)
+
+
+def pixels(camera: Array, places: Array) -> Array:
+    """Where a camera (3, 4) sees places (..., 3) [m]: (u, v, 0) [px] (Hartley & Zisserman 2004, chapter 6)."""
+    seen = places @ camera[:, :3].T + camera[:, 3]
+    return jnp.concatenate([seen[..., :2] / seen[..., 2:], jnp.zeros_like(seen[..., :1])], axis=-1)
 
 
 def _sigma(sigma: Any, measured: Measurement) -> np.ndarray:

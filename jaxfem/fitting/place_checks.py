@@ -52,6 +52,22 @@ def place_faults(
     return faults, notes
 
 
+def pixel_faults(measured: np.ndarray, nominal: np.ndarray, names: Sequence[str]) -> list[str]:
+    """Faults of pixels (M, 3) before the release, NaN where unknown, against those of the given places."""
+    known = np.isfinite(measured).all(axis=1)
+    if known.sum() < 2:
+        return []
+    p, q = measured[known], nominal[known]
+    off = np.linalg.norm(p - q, axis=1)
+    if np.sqrt((off**2).mean()) < LOOSE * _spread(q):
+        return []
+    named = [name for name, there in zip(names, known, strict=True) if there]
+    return [
+        f'the pixels: "{named[int(np.argmax(off))]}" stands {off.max():.3g} px from where the camera sees its place: '
+        "see the camera's matrix and its axes (v points down in most images), the markers' names and their places"
+    ]
+
+
 def _unit(p: np.ndarray, q: np.ndarray, size: float, frame: str) -> Faults:
     """Markers that are farther apart than their places by the ratio of two units."""
     if len(p) > 1 and size > 0:

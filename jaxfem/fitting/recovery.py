@@ -48,7 +48,7 @@ class FitResult:
     `release_interval` [s] with 95 %; `residuals` (simulated less measured, NaN where missing), `simulated`, `measured`
     (T, M, 3) [m] in the body's frame; `markers`: names; `history`: every evaluation; `status`: "converged", "iteration
     limit", "steps failed" or "interrupted"; `warnings`: what may make the values wrong; `repairs`:
-    what was left out, repaired or noticed in the recording.
+    what was left out, repaired or noticed in the recording; `unit`: "m", or "px" where residuals and places are pixels.
     """
 
     constants: tuple[Constant, ...]
@@ -69,12 +69,14 @@ class FitResult:
     status: str
     warnings: tuple[str, ...]
     repairs: tuple[str, ...] = ()
+    unit: str = "m"
 
     def summary(self) -> str:
         """Values with error bars, the misfit and all warnings, as text."""
+        shown = f"{1e3 * self.noise:.3g} mm" if self.unit == "m" else f"{self.noise:.3g} {self.unit}"
         lines = [text_of(self.constants, self.values, self.standard_errors)]
         lines.append(
-            f"  residual {1e3 * self.noise:.3g} mm rms a coordinate, {len(self.times)} samples of {len(self.markers)} "
+            f"  residual {shown} rms a coordinate, {len(self.times)} samples of {len(self.markers)} "
             f"markers from {self.release:g} s on; {self.status}, {len(self.history)} simulations"
         )
         lines += [f"  recording: {text}" for text in self.repairs]
@@ -133,15 +135,16 @@ def fit(
     faults = refuse(faults, checks)
     unknown, free_starts = _unknowns(model, params, parameters, starts, bounds, measured.spacing)
     plan, dt = _plan(unknown, measured, dt, frame, compare)
-    problem = make_problem(model, params, state, markers, measured, plan, dt, sigma)
+    problem = make_problem(model, params, state, markers, measured, plan, dt, sigma, recording.camera)
     evaluator = Evaluator(problem, plan, unknown, progress)
     faults += refuse(start_faults(_searching(evaluator), free_starts[0], measured, frame), checks)
     z, status = _searched(evaluator, free_starts, search or Search())
     evaluator.stage = "error bars"
     residual, jacobian, outcome = evaluator.linear(z)
-    constants = 6 * (frame == "all") + 3 * len(markers.names) * measured.free_origin
+    axes = 2 if recording.unit == "px" else 3
+    constants = 6 * (frame == "all") + axes * len(markers.names) * measured.free_origin
     pinned = measured.still_rows if compare == "displacement" and not measured.free_origin else None
-    spread = uncertainty(residual, jacobian, measured.seen, pinned, constants)
+    spread = uncertainty(residual, jacobian, measured.seen, pinned, constants, axes)
     values = {name: _cast(value, params) for name, value in unknown.values(z).items() if name != DELAY.name}
     found = with_values(params, values, unknown.constants)
     simulated = np.asarray(outcome.simulated, np.float64)
@@ -243,7 +246,8 @@ def _result(
     seen = measured.seen[..., None]
     simulated, shown = (np.asarray(a, np.float64) for a in (outcome.simulated, outcome.measured))
     shown = np.where(seen, shown, np.nan)
-    count = max(3 * int(measured.seen.sum()), 1)
+    unit = "m" if evaluator.problem.camera is None else "px"
+    count = max((3 if unit == "m" else 2) * int(measured.seen.sum()), 1)
     last = evaluator.history[-1].loss
     return FitResult(
         constants=evaluator.unknowns.constants,
@@ -264,6 +268,7 @@ def _result(
         status=status,
         warnings=warnings,
         repairs=repairs,
+        unit=unit,
     )
 
 

@@ -25,19 +25,25 @@ class Uncertainty:
 
 
 def uncertainty(
-    residual: np.ndarray, jacobian: np.ndarray, seen: np.ndarray, still_rows: np.ndarray | None, constants: int
+    residual: np.ndarray,
+    jacobian: np.ndarray,
+    seen: np.ndarray,
+    still_rows: np.ndarray | None,
+    constants: int,
+    axes: int = 3,
 ) -> Uncertainty:
     """Error bars from residuals (T, M, 3) and Jacobian (P, T, M, 3); `seen` (T, M).
 
     Linear least squares about the solution, cov = s^2 (J'J)^-1, times the residuals' integrated autocorrelation time:
     what a model leaves unexplained is smooth in time, and T samples of it are fewer independent ones. Displacements
     from a place that is itself the median of `still_rows` (M,) samples share its scatter: None where they do not.
-    `constants`: further unknowns (a frame, places of origin) that were found along the way. Seber & Wild 1989,
+    `constants`: further unknowns (a frame, places of origin) that were found along the way. `axes`: coordinates of
+    a sample, 2 of pixels. Seber & Wild 1989,
     chapters 5 and 6.
     """
     count = len(jacobian)
     columns = jacobian.reshape(count, -1)
-    freedom = max(3 * int(seen.sum()) - count - constants, 1)
+    freedom = max(axes * int(seen.sum()) - count - constants, 1)
     variance = float((residual**2).sum() / freedom)
     normal = columns @ columns.T
     scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))

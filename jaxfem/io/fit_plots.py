@@ -44,13 +44,14 @@ def plot_loss(path: Any, result: FitResult) -> Path:
 
 
 def plot_fit(path: Any, result: FitResult) -> Path:
-    """A panel for each marker and axis: measured displacement as points, simulated as a line, in mm over s.
+    """A panel for each marker and axis: measured displacement as points, simulated as a line, in mm (or px) over s.
 
     Panels of one axis share their scale, so that what moves stands out; the root mean square residual stands in each.
     With more than eight markers, the eight that move most are shown.
     """
     first = result.simulated[0]
-    simulated, measured = (1e3 * (each - first) for each in (result.simulated, result.measured))
+    scale, unit = (1e3, "mm") if result.unit == "m" else (1.0, result.unit)
+    simulated, measured = (scale * (each - first) for each in (result.simulated, result.measured))
     motion = np.nanmax(np.abs(simulated), axis=(0, 2))
     shown = sorted(np.argsort(-motion)[:MOST_MARKERS])
     figure = _figure(9.6, 0.7 + 1.45 * len(shown))
@@ -64,7 +65,7 @@ def plot_fit(path: Any, result: FitResult) -> Path:
             panel.text(
                 0.98,
                 0.06,
-                f"rms {left:.2g} mm",
+                f"rms {left:.2g} {unit}",
                 transform=panel.transAxes,
                 ha="right",
                 fontsize=7,
@@ -72,7 +73,7 @@ def plot_fit(path: Any, result: FitResult) -> Path:
                 bbox=BACKED,
             )
             _plain(panel)
-        row[0].set_ylabel(f"{result.markers[marker]}\n(mm)", fontsize=9)
+        row[0].set_ylabel(f"{result.markers[marker]}\n({unit})", fontsize=9)
     for axis, panel in enumerate(panels[0]):
         panel.set_title(f"displacement along {'xyz'[axis]}", fontsize=10)
     for panel in panels[-1]:

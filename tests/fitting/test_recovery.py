@@ -137,6 +137,33 @@ def test_bad_recordings_are_refused_before_the_search(beam):
 
 
 @pytest.mark.slow
+def test_pixels_of_one_camera_give_the_stiffness(beam):
+    """A camera half a metre aside that looks along y; 0.3 px of noise on a swing of about 11 px."""
+    sharp, turn = (
+        np.array([[1500.0, 0, 640], [0, 1500, 360], [0, 0, 1]]),
+        np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
+    )
+    camera = sharp @ np.hstack([turn, -turn @ [[0.05], [-0.5], [0.02]]])
+    good = beam.recording(still=30)
+    seen = good.positions @ camera[:, :3].T + camera[:, 3]
+    places = np.concatenate([seen[..., :2] / seen[..., 2:], 0 * seen[..., :1]], axis=-1)
+    places += np.random.default_rng(0).normal(size=places.shape) * [0.3, 0.3, 0]
+    film = Recording(good.times, places, good.names, unit="px", camera=camera)
+    settings = {"parameters": ("young", "damping"), "release": 0.3}
+    result = beam.fit(film, {"young": 2e6}, **settings)
+    off = abs(result.values["young"] - TRUE["young"])
+    assert off < 3.5 * result.standard_errors["young"] < 0.1 * TRUE["young"]
+    assert result.unit == "px" and result.noise == pytest.approx(0.3, rel=0.1) and " px rms" in result.summary()
+    upside_down = Recording(good.times, places * [1, -1, 1] + [0, 720, 0], good.names, unit="px", camera=camera)
+    with pytest.raises(FitError, match="v points down"):
+        beam.fit(upside_down, {}, **settings)
+    with pytest.raises(FitError, match="needs places"):
+        beam.fit(film, {}, frame="rest", **settings)
+    with pytest.raises(FitError, match="give its camera"):
+        beam.fit(Recording(good.times, places, good.names, unit="px"), {}, **settings)
+
+
+@pytest.mark.slow
 def test_what_was_repaired_is_said_and_does_no_harm(beam):
     recording = beam.recording(still=30)
     recording.positions[40:45, 0] = 0.0
