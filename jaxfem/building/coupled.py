@@ -60,14 +60,14 @@ def _check(model: Model, rigid: bool) -> None:
         raise SceneError(
             f'mass = "{model.mass}" is for soft bodies alone; rigid bodies, joints and contacts need "lumped"'
         )
+    if rigid and not model.scheme.rigid:
+        raise SceneError(
+            f'scheme "{model.scheme.name}" is for soft bodies; scenes with rigid bodies need "backward_euler"'
+        )
     if rigid and not model.bodies and not isinstance(model.scheme, BackwardEuler):
         raise SceneError(
             f'scheme "{model.scheme.name}" acts on the nodes of soft bodies, and this scene has rigid ones alone, '
             'which move by the rule of "backward_euler"'
-        )
-    if rigid and not model.scheme.rigid:
-        raise SceneError(
-            f'scheme "{model.scheme.name}" is for soft bodies; scenes with rigid bodies need "backward_euler"'
         )
 
 

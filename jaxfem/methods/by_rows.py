@@ -28,12 +28,16 @@ PULL_ROUNDS = 2
 
 
 class Ended(Pytree):
-    """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`."""
+    """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`.
+
+    `spin`: along which free rigid bodies turn. It is kept, not found anew: rounding may lead to another solution.
+    """
 
     solved: Solved
     missed: dict[str, Array]
     impact: Array | None
     passed: Array | None
+    spin: Array | None
 
 
 class RowMethod(Method):
@@ -56,12 +60,11 @@ class RowMethod(Method):
             system = system_of(model, params, state, dt, forces, impulses)
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
             solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
-            return Ended(
-                solved, unmet(model, system, solved.velocities, solved.impulses or {}), system.impact, system.passed
-            )
+            missed = unmet(model, system, solved.velocities, solved.impulses or {})
+            return Ended(solved, missed, system.impact, system.passed, system.spin)
 
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
-        following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces)
+        following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
         if not model.joints:
             return following, info
         status = held(model, params, configuration(following), found.missed, dt, info.status)

@@ -25,10 +25,11 @@ def ended(
     impact: Array | None = None,
     passed: Array | None = None,
     forces: Array | None = None,
+    spin: Array | None = None,
 ) -> tuple[State, StepInfo]:
     """The next state and the step's info. `impact` (n,): nodes whose step is one of backward Euler; None: no such.
 
-    `passed` (b,): see `System`. `forces` (n, 3) [N]: those that `step` was given.
+    `passed` (b,), `spin` (b, 3): see `System`. `forces` (n, 3) [N]: those that `step` was given.
     """
     velocities = solved.velocities[: model.nodes]
     start = state if state.carry is None else increments_only(state)
@@ -39,7 +40,7 @@ def ended(
         time=state.time + dt,
         memory=solved.impulses,
         accelerations=accelerations,
-        rigid=advance_rigid(model, params, start, solved.velocities, dt, passed),
+        rigid=advance_rigid(model, params, start, solved.velocities, dt, passed, spin),
     )
     if state.carry is not None:
         following = carried(state, following, dt)

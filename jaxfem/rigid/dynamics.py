@@ -103,13 +103,16 @@ def advanced(
     angular: Array,
     dt: Array,
     passed: Array | None = None,
+    spin: Array | None = None,
 ) -> RigidState:
     """The state after a step whose solved velocities are `linear` and `angular` (b, 3).
 
     `passed` (b,): share of the step in which bodies go on as they did before, until they are struck; None: no body is.
+    `spin` (b, 3): `free_spin` of the step.
     """
+    spin = free_spin(bodies, state, dt) if spin is None else spin
     middle = world_inertia(bodies, mass, midway(bodies, state, dt))
-    change = jnp.einsum("bij,bj->bi", middle, angular - free_spin(bodies, state, dt))
+    change = jnp.einsum("bij,bj->bi", middle, angular - spin)
     momentum = angular_momentum(bodies, mass, state) + change
     along, turning = linear, angular
     if passed is not None:
@@ -117,12 +120,12 @@ def advanced(
         along = along + share * (state.velocities - along)
         turning = turning + share * (state.angular_velocities - turning)
     orientations = turned(state.orientations, dt * turning)
-    spin = jnp.einsum("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
+    after = jnp.einsum("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
     return RigidState(
         positions=state.positions + dt * along,
         orientations=orientations,
         velocities=linear,
-        angular_velocities=jnp.where(bodies.free[:, None] > 0, spin, angular),
+        angular_velocities=jnp.where(bodies.free[:, None] > 0, after, angular),
     )
 
 

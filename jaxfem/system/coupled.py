@@ -181,13 +181,21 @@ def midway_inertia(model: Model, params: Params, state: State, dt: Array) -> Arr
 
 
 def advance_rigid(
-    model: Model, params: Params, state: State, velocities: Array, dt: Array, passed: Array | None = None
+    model: Model,
+    params: Params,
+    state: State,
+    velocities: Array,
+    dt: Array,
+    passed: Array | None = None,
+    spin: Array | None = None,
 ) -> Any:
-    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies. `passed`: see `System`."""
+    """Rigid state after a step with velocities (n + 2 b, 3); None without rigid bodies.
+
+    `passed`, `spin`: see `System`."""
     if model.rigid is None or params.rigid is None or state.rigid is None:
         return None
     linear, angular = jnp.split(velocities[model.nodes :], 2)
-    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt, passed)
+    return advanced(model.rigid, params.rigid.mass, state.rigid, linear, angular, dt, passed, spin)
 
 
 def _with_rigid(
@@ -195,17 +203,18 @@ def _with_rigid(
 ) -> System:
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
     middle, spin = world_inertia(bodies, mass, midway(bodies, rigid, dt)), free_spin(bodies, rigid, dt)
-    inertia = middle
+    inertia, turning = middle, spin
     if pulls(model):
         inertia = middle + dt**2 * needed_stiffness(model, pull, middle, dt, at)
-        spin = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
+        turning = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
-    targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, spin, angular)
+    targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, turning, angular)
     size = mass[:, None] * (jnp.abs(rigid.velocities) + dt * jnp.abs(params.gravity))
     return soft.replace(
         mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
         target=jnp.concatenate([soft.target, *targets]),
+        spin=spin,
         prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
         free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
         floor=soft.floor + jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * jnp.linalg.norm(size)),

@@ -35,7 +35,7 @@ class System(Pytree):
     With rigid bodies n counts all triples (see `rows/attachments.py`), and `inertia` (b, 3, 3) are the blocks of the
     last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
     there, which is then one of backward Euler. `passed` (b,): share of the step before a rigid body is struck, in which
-    it goes on as it did (see `impacts.py`). `trace`: what of the compliance of joints' rows is there to make their
+    it goes on as it did (see `impacts.py`). `spin` (b, 3): along which free bodies turn in the step. `trace`: what of the compliance of joints' rows is there to make their
     matrix regular, by group.
     """
 
@@ -57,6 +57,7 @@ class System(Pytree):
     trace: dict[str, Array] = dataclasses.field(default_factory=dict)
     impact: Array | None = None
     passed: Array | None = None
+    spin: Array | None = None
 
     @property
     def rows(self) -> OrderedDict[str, Rows]:
