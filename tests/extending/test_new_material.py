@@ -164,5 +164,5 @@ def test_what_cannot_be_is_refused_by_name():
     with pytest.raises(jf.SceneError, match="calls a constant 'shear', which is something else"):
         jf.build(jf.Scene(bodies))
     with pytest.raises(TypeError, match=r'calls itself material "clash", which .*Clash is'):
-        type("Other", (jf.Material,), {}, word="clash")
+        type("Other", (jf.Material,), {"stiffness": ShearBulk.stiffness}, word="clash")
     LAWS.remove("clash")
