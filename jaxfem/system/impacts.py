@@ -13,7 +13,8 @@ A row without restitution whose force goes on pressing needs none of this: it ar
 is left of its velocity, and loses that in the next, so the impulse acts in the shares 1 - t and t of two steps, as does
 that of friction (see `rows/contact.py`).
 Bodies that joints tie are struck together, those that touch or strike each other too; the first impact in a step
-counts. Bodies tied to soft ones are left out, as are rows that are softer than rigid.
+counts. Bodies tied to soft ones are left out, as are rows that are softer than rigid, and those between bodies that
+both move: their arms are those of the step's start, so that placed they would not keep angular momentum.
 """
 
 from collections import OrderedDict
@@ -168,7 +169,7 @@ def _event(way: Approach, held: Array, count: int, dt: Array) -> Event:
     more = plain + way.side * way.rows.apply(held)
     change = jnp.where(jnp.abs(more) <= PLAUSIBLE * jnp.abs(way.rate), more, plain)
     end, gap = way.rate + change, jnp.maximum(way.gap, 0) / dt
-    ours = jnp.all(way.bodies != count, axis=1, keepdims=True) & (way.side != 0)
+    ours = jnp.all(way.bodies != count, axis=1, keepdims=True) & (way.side != 0) & ~_between_free(way, count)
     arrives = ours & (way.gap / dt + end < 0) & (way.rate < -FORCE_STEPS * jnp.abs(change))
     due = arrives & ((way.restitution > 0) | ((change > 0) & (way.gap >= 0)))
 
@@ -181,6 +182,13 @@ def _event(way: Approach, held: Array, count: int, dt: Array) -> Event:
     share = time * (end - rate) / jnp.where(due, way.rate - rate, 1)
     pressing = gap / jnp.where(arrives, -end, 1)
     return Event(due, arrives, jnp.where(due, share, jnp.where(arrives, pressing, jnp.inf)), rate)
+
+
+def _between_free(way: Approach, count: int) -> Array:
+    """Rows (m, 1) between different islands that both move: placed, they would not keep angular momentum."""
+    moving = way.bodies < count
+    least = jnp.min(jnp.where(moving, way.bodies, count), axis=1, keepdims=True)
+    return jnp.any(moving & (way.bodies != least), axis=1, keepdims=True)
 
 
 def _shares(ways: list[Approach], events: list[Event], count: int) -> Array:
