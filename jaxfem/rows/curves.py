@@ -27,6 +27,8 @@ FLAT = 1e-4
 """Slope (a sine) up to which a curve lies flat."""
 STRETCH = 0.05
 """Of a curve's parameter, which is 2 long: the shortest stretch that counts as flat; on round things it is FLAT."""
+BESIDE, SHARP = 1e-5, 1e-3
+"""To both sides of a place, in the parameter, and the change of slope between that is a kink."""
 INWARDS = 1e-3  # of a flat stretch, by which its ends are drawn in
 HALVINGS = 26
 NUDGE = 1e-4
@@ -83,7 +85,7 @@ class CurveContacts(Candidates):
         search = jax.vmap(
             _on_segment if self.second is None else _on_rim, in_axes=(None if self.shared else 0, 0, 0, 0)
         )
-        place, on = search(self.shape, *self._seen(at))
+        place, on, (kink, normal) = search(self.shape, *self._seen(at))
         local = _along(self.centre[:, None], self.first[:, None], _wide(self.second), place[..., None])
 
         def each(leaf: Any) -> Any:
@@ -101,8 +103,14 @@ class CurveContacts(Candidates):
             offset=each(self.offset),
         )
         pairs = contacts.pairs(at)
+        kink, normal, radius = kink.reshape(-1), normal.reshape(-1, 3), each(self.radius)
+        if self.other is not None:
+            normal = jnp.einsum("mij,mj->mi", at.rotations[each(self.other)], normal)
+        short = jnp.sqrt(jnp.where(kink, jnp.sum(normal**2, -1), 1))
+        gap = jnp.where(kink, (pairs.gap + radius) / short - radius, pairs.gap)
+        normal = jnp.where(kink[:, None], normal / short[:, None], pairs.normal)
         far = FAR * each(jnp.linalg.norm(self.first, axis=-1))
-        return pairs.replace(gap=jnp.where(on.reshape(-1), pairs.gap, far))
+        return pairs.replace(gap=jnp.where(on.reshape(-1), gap, far), normal=normal)
 
     def _nearest(self, at: Configuration) -> "CurveContacts":
         """The `most` curves that may be nearest, in their order: no distance changes faster than its place."""
@@ -147,8 +155,9 @@ def _along(centre: Array, first: Array, second: Array | None, s: Array) -> Array
     return centre + jnp.cos(jnp.pi * s) * first + jnp.sin(jnp.pi * s) * second
 
 
-def _on_segment(*curve: Any) -> tuple[Array, Array]:
-    """Parameters (2,), and whether they take part: the nearest place between the ends, or both ends of a flat stretch.
+def _on_segment(*curve: Any) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Parameters (2,), whether they take part, and kinks: the nearest place between the ends, or both ends of a flat
+    stretch.
 
     Of a `curve`: shape, centre, first, second. The segment's own ends are left to points of the body.
     """
@@ -164,12 +173,12 @@ def _on_segment(*curve: Any) -> tuple[Array, Array]:
     flat = high - low > STRETCH
     place = jnp.stack([jnp.where(flat, low, middle), high])
     between = jax.lax.stop_gradient(jnp.abs(place)) < 1 - NUDGE
-    return place, between & jnp.stack([jnp.bool_(True), flat])
+    return place, between & jnp.stack([jnp.bool_(True), flat]), jax.vmap(lambda s: _kink(curve, s))(place)
 
 
-def _on_rim(*curve: Any) -> tuple[Array, Array]:
-    """Parameters (5,), and whether they take part: the nearest place, both ends of a flat stretch, a third of a turn
-    to both sides. The latter see what the rim tips over to, and carry where all of it lies flat."""
+def _on_rim(*curve: Any) -> tuple[Array, Array, tuple[Array, Array]]:
+    """Parameters (5,), whether they take part, and kinks: the nearest place, both ends of a flat stretch, a third of a
+    turn to both sides. The latter see what the rim tips over to, and carry where all of it lies flat."""
 
     def distance(curve: Any, s: Array) -> Array:
         shape, centre, first, second = curve
@@ -187,7 +196,29 @@ def _on_rim(*curve: Any) -> tuple[Array, Array]:
     part = flat & (stretch < 1.8 * AROUND)
     always = jnp.bool_(True)
     place = jnp.stack([middle, low, high, middle - AROUND, middle + AROUND])
-    return place, jnp.stack([always, part, part, always, always])
+    return place, jnp.stack([always, part, part, always, always]), jax.vmap(lambda s: _kink(curve, s, True))(place)
+
+
+def _kink(curve: Any, s: Array, closed: bool = False) -> tuple[Array, Array]:
+    """Whether the distance along a curve has a kink at its least value, and then its gradient (3,) across the curve.
+
+    That is where it runs through the edge of a solid: of the gradients on both sides the mean that is at right angles
+    to the curve is so to the edge too, the common perpendicular of the two, and shorter than one.
+    """
+    shape, centre, first, second = curve
+
+    def side(s: Array) -> tuple[Array, Array]:
+        def place(s: Array) -> Array:
+            return _along(centre, first, second if closed else None, s)
+
+        gradient: Array = jax.grad(shape.distance)(place(s))
+        return gradient, jnp.vdot(gradient, jax.jvp(place, (s,), (jnp.ones_like(s),))[1])
+
+    (before, falls), (after, rises) = side(s - BESIDE), side(s + BESIDE)
+    speed = jax.lax.stop_gradient(jnp.linalg.norm(first))
+    kink = (falls < 0) & (rises > 0) & (rises - falls > SHARP * speed)
+    share = rises / jnp.where(kink, rises - falls, 1)
+    return kink, share * before + (1 - share) * after
 
 
 def _lowest(distance: Any, size: Array) -> Array:

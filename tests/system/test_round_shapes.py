@@ -113,7 +113,7 @@ ACROSS = [  # above, its turn and place, below (fixed), its turn, height of the 
     (jf.Cylinder(0.05, 0.4), LYING, (0.002, 0), jf.Cylinder(0.2, 0.6), ASIDE, 0.25),
     (jf.Box((0.6, 0.2, 0.1)), None, (0.002, 0), jf.Cylinder(0.2, 0.6), ASIDE, 0.25),
     (jf.Box((0.6, 0.2, 0.1)), None, (0.002, 0), jf.Capsule(0.2, 0.6), ASIDE, 0.25),
-    (jf.Cylinder(0.2, 0.1), None, (0.05, 0.1), jf.Box((0.3, 1.0, 0.2)), None, 0.15),  # standing, partly over the edge
+    (jf.Cylinder(0.2, 0.1), None, (0.06, 0.1), jf.Box((0.3, 1.0, 0.2)), None, 0.15),  # standing, partly over the edge
     (jf.Cylinder(0.2, 0.1), None, (0.1, 0.1), jf.Cylinder(0.2, 0.2), None, 0.15),
     (jf.Box((0.6, 0.6, 0.1)), None, (0.05, 0.02), jf.Cylinder(0.2, 0.2), None, 0.15),
     (jf.Capsule(0.1, 1.0), LYING, (0.02, 0), jf.Cylinder(0.2, 0.2), None, 0.2),
