@@ -128,9 +128,9 @@ def test_a_hinge_that_strikes_its_limit_falls_back_as_a_fine_integration_says():
 
     program = jax.jit(lambda *given: jax.jvp(lambda r: angle(r, *given[1:]), given[:1], (jnp.ones(()),)))
     wanted = np.array([_rod(rate, time), (_rod(rate + 1e-2, time) - _rod(rate - 1e-2, time)) / 2e-2])
-    found = np.array([program(rate, time / n, n) for n in (24, 96, 384)])
+    found = np.array([program(rate, time / n, n) for n in (96, 384, 1536)])
     errors = np.abs(found - wanted)
-    assert abs(wanted[1]) > 0.2 and (errors[0] < (0.05, 0.05)).all()
+    assert abs(wanted[1]) > 0.2 and (errors[0] < (0.01, 0.06)).all()
     assert (errors[1:] < 0.4 * errors[:-1]).all()
 
 
