@@ -25,7 +25,7 @@ class Branches(jf.Material):
 
 def test_a_law_is_known_by_its_class_and_options():
     one, other = jf.Linear(young=1e5, poisson=0.3), jf.Linear(2e5, 0.4, 1e-3)
-    assert one == other == one.law and hash(one) == hash(other.law) and one != Branches(young=1e5)
+    assert one.law == other.law and hash(one.law) == hash(other.law) and one not in (other, Branches(young=1e5))
     assert one.values == {"young": 1e5, "poisson": 0.3, "damping": 0.0} and one.law.values == {}
     two = Branches(young=1e5, count=2)
     assert (two.count, two.whole, two.law.count) == (2, False, 2)
