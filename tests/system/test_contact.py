@@ -58,7 +58,7 @@ def test_lanes_give_what_they_give_alone_and_single_precision_follows():
     np.testing.assert_allclose(lanes, alone, atol=1e-7)
     assert not status.any()
     single = jax.tree.map(lambda v: v.astype(jnp.float32) if v.dtype == jnp.float64 else v, (model, params, state))
-    single = (single[0].replace(tolerance=jnp.float32(1e-5)), *single[1:])
+    single = (single[0].replace(tolerance=jnp.float32(1e-4)), *single[1:])  # corners share to rounding alone
     follows = speed(jnp.float32(0.3), *single)
     assert follows[0].dtype == jnp.float32 and not follows[1]
     np.testing.assert_allclose(follows[0], alone[1], rtol=1e-3)

@@ -69,10 +69,12 @@ class EliminationSearch:
         """Impulses, their sides, and velocities that know no rounding of impulses that cancel.
 
         Only their trace of compliance tells how redundant rows, as those at the corners of a box, share what they
-        carry. Each round of friction's bounds needs that share, so it is solved for beyond that trace.
+        carry. Each round of friction's bounds needs that share, so it is solved for beyond that trace, where the
+        precision allows.
         """
-        sharp = jnp.minimum(system.tolerance, SHARE * TRACE[system.target.dtype.itemsize > 4])
-        exact = system.replace(tolerance=sharp) if system.friction else system
+        double = system.target.dtype.itemsize > 4
+        sharp = jnp.minimum(system.tolerance, SHARE * TRACE[double])
+        exact = system.replace(tolerance=sharp) if system.friction and double else system
 
         def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
             found, velocities, info = search_by_elimination(exact, plan, start, operator, bounds, limit)
