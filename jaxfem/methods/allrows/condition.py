@@ -130,7 +130,7 @@ def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Im
     else:
         # Redundant rows share by their trace of compliance alone: a residual that leaves that out tells nothing.
         dtype = system.target.dtype
-        tol = jnp.minimum(tol, max(TRACED * TRACE[dtype.itemsize > 4], 4 * jnp.finfo(dtype).eps))
+        tol = jnp.minimum(tol, max(TRACED * TRACE[dtype.itemsize > 4], 4 * float(jnp.finfo(dtype).eps)))
         limit = system.max_iterations
         solution, info = bicgstab(matvec, vector, scaled, tol=tol, max_iterations=limit)
         coned = any(each.cone for each in system.friction.values())
