@@ -29,6 +29,7 @@ STRETCH = 0.05
 """Of a curve's parameter, which is 2 long: the shortest stretch that counts as flat; on round things it is FLAT."""
 BESIDE, SHARP = 1e-5, 1e-3
 """To both sides of a place, in the parameter, and the change of slope between that is a kink."""
+HALFWAY = 0.2  # length of the mean of two gradients below which no edge is so thin
 INWARDS = 1e-3  # of a flat stretch, by which its ends are drawn in
 HALVINGS = 26
 NUDGE = 1e-4
@@ -218,7 +219,9 @@ def _kink(curve: Any, s: Array, closed: bool = False) -> tuple[Array, Array]:
     speed = jax.lax.stop_gradient(jnp.linalg.norm(first))
     kink = (falls < 0) & (rises > 0) & (rises - falls > SHARP * speed)
     share = rises / jnp.where(kink, rises - falls, 1)
-    return kink, share * before + (1 - share) * after
+    across = share * before + (1 - share) * after
+    # Gradients that cancel are those of opposite faces, halfway between them, and of no edge.
+    return kink & (jnp.sum(jax.lax.stop_gradient(across) ** 2) > HALFWAY**2), across
 
 
 def _lowest(distance: Any, size: Array) -> Array:
