@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import cond_any
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.tensors import cross_matrix, determinant, matrix_of, product, times, transposed
@@ -23,8 +24,10 @@ Array = jax.Array
 Vector = list[Array]
 Matrix = Any
 
-TRIPS = 8
+TRIPS = 12
 """Newton steps at most; two or three are what resolved turns take."""
+KEEPING = 0.02
+"""A matrix serves on while the largest residual falls below this share of the last."""
 ROUNDING = 16.0
 """Times the precision: a turn that is known to its own rounding."""
 NOISE, PASSES = 2.0, 3
@@ -79,37 +82,48 @@ class _Midpoint:
     symmetric: bool = False
 
     def gradient(self, inputs: _Turn, unknown: Array) -> Array:
-        """psi - dt J^-1 (P0 + P1) / 2."""
-        psi, momentum = list(unknown), inputs.momentum
-        change = _turned([-each for each in psi], momentum)
-        mean = times(inputs.inverse, [p + 0.5 * d for p, d in zip(momentum, change, strict=True)])
-        return jnp.stack([each - inputs.dt * spin for each, spin in zip(psi, mean, strict=True)])
+        return jnp.stack(_residual(inputs, list(unknown)))
 
     def solve(self, inputs: _Turn, guess: Array) -> tuple[Array, Array]:
-        """Newton's method; and which bodies (b,) it has served."""
+        """Newton's method, its matrix kept while it serves; and which bodies (b,) have arrived.
+
+        What a trip or a branch makes is handed on in components and before it is used: stacked or with many readers it
+        would be computed anew for each of them, ten times as dear.
+        """
         least = ROUNDING * jnp.finfo(guess.dtype).eps * jnp.sqrt(jnp.sum(guess**2, 0))
 
-        def judged(psi: Array) -> tuple[Array, Array]:
-            residual = self.gradient(inputs, psi)
-            return residual, jnp.sqrt(jnp.sum(residual**2, 0)) <= least
-
         def trip(carry: Any) -> Any:
-            psi, residual, good, trips = carry
-            step = jnp.stack(times(_inverse(_derivative(inputs, list(psi))), list(residual)))
-            psi = jnp.where(good, psi, psi - step)
-            return psi, *judged(psi), trips + 1
+            psi, matrix, _, last, trips = carry
+            residual = _residual(inputs, psi)
+            far = _root(_dot(residual, residual))
+            good = far <= least
+            most = jnp.max(jnp.where(good, 0, far / least))
+            fresh = (most > KEEPING * last) | (trips == 0) & (most > 0)
+            matrix = cond_any(fresh, lambda: _inverse(_derivative(inputs, psi)), lambda: matrix)
+            moved = [jnp.where(good, p, p - s) for p, s in zip(psi, times(matrix, residual), strict=True)]
+            return moved, matrix, good, most, trips + 1
 
         def running(carry: Any) -> Array:
-            more: Array = ~jnp.all(carry[2]) & (carry[3] < TRIPS)
+            more: Array = ~jnp.all(carry[2]) & (carry[4] <= TRIPS)
             return more
 
-        psi, _, good, _ = jax.lax.while_loop(running, trip, (guess, *judged(guess), jnp.int32(0)))
-        return psi, good
+        zero, none = jnp.zeros_like(guess[0]), jnp.zeros(guess.shape[1:], bool)
+        start = (list(guess), [[zero] * 3] * 3, none, jnp.full((), jnp.inf, guess.dtype), jnp.int32(0))
+        psi, _, good, _, _ = jax.lax.while_loop(running, trip, start)
+        return jnp.stack(psi), good
 
     def tangent_solve(self, inputs: _Turn, unknown: Array, right: Array, matvec: Any) -> Array:
         """A 3x3 matrix a body: that of the products with the axes, as they are given."""
         columns = [matvec(jnp.zeros_like(right).at[i].set(1)) for i in range(3)]
         return jnp.stack(times(_inverse([[columns[j][i] for j in range(3)] for i in range(3)]), list(right)))
+
+
+def _residual(inputs: _Turn, psi: Vector) -> Vector:
+    """psi - dt J^-1 (P0 + P1) / 2."""
+    momentum = inputs.momentum
+    change = _turned([-each for each in psi], momentum)
+    mean = times(inputs.inverse, [p + 0.5 * d for p, d in zip(momentum, change, strict=True)])
+    return [each - inputs.dt * spin for each, spin in zip(psi, mean, strict=True)]
 
 
 def _derivative(inputs: _Turn, psi: Vector) -> Matrix:
@@ -129,10 +143,18 @@ def _on_energy(inputs: _Turn, psi: Vector) -> Vector:
 
     Nothing where that is met to rounding, which is where Newton's method has ended well.
     """
-    start, change = inputs.momentum, _turned([-each for each in psi], inputs.momentum)
+    change = _turned([-each for each in psi], inputs.momentum)
+    noise = NOISE * jnp.finfo(psi[0].dtype).eps * jnp.minimum(_root(_dot(psi, psi)), 2)
+    off = jnp.any(jnp.abs(_excess(inputs, change)) > noise * _dot(inputs.momentum, inputs.spin))
+    turned: Vector = cond_any(off, lambda: _put_on_energy(inputs, psi, change, noise), lambda: psi)
+    return turned
+
+
+def _put_on_energy(inputs: _Turn, psi: Vector, change: Vector, noise: Array) -> Vector:
+    """The same, at the `change` of momentum that psi makes."""
+    start = inputs.momentum
     some = _dot(start, start) > 0
     square = jnp.where(some, _dot(start, start), 1)
-    noise = NOISE * jnp.finfo(square.dtype).eps * jnp.minimum(_root(_dot(psi, psi)), 2)
     moved = change
     for _ in range(PASSES):
         moved = _nearer(inputs, moved, square, noise)
