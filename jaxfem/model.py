@@ -207,6 +207,8 @@ class StepInfo(Pytree):
     their shape; None without them. `substeps`: in how many parts the step was taken, where `rollout` takes failed ones
     again in halves; else None. `spin_loss`: the largest share of its angular momentum that a soft body which
     nothing holds lost, loads apart, to the time scheme or to what it touches; None where there is no such body.
+    `counts`: how many domains of strain a law with a memory reports something of, by its word, such as "at_yield": at
+    the edge of yield, where derivatives are one-sided; None where no law counts anything.
     """
 
     status: Array
@@ -217,6 +219,7 @@ class StepInfo(Pytree):
     scheme_damping: Array | None = None
     substeps: Array | None = None
     spin_loss: Array | None = None
+    counts: dict[str, Array] | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

@@ -45,7 +45,8 @@ def ended(
     if state.carry is not None:
         following = carried(state, following, dt)
     positions = following.positions
-    following = following.replace(internal=committed(model, params, state, positions, dt))
+    internal, counts = committed(model, params, state, positions, dt)
+    following = following.replace(internal=internal)
     info = solved.info
     return following, StepInfo(
         info.status,
@@ -55,6 +56,7 @@ def ended(
         inverted_elements(model, positions),
         _scheme_damping(model, dt, impact),
         spin_loss=None if model.drifting is None else spin_loss(model, params, state, following, dt, forces),
+        counts=counts,
     )
 
 
