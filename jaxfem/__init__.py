@@ -6,7 +6,7 @@ from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.diagnose import Diagnosis, diagnose
-from jaxfem.energies import Energies, energies
+from jaxfem.energies import Energies, energies, with_account
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
@@ -94,5 +94,6 @@ __all__ = [
     "scheme_damping",
     "solvers",
     "step",
+    "with_account",
     "with_memory",
 ]

@@ -73,7 +73,8 @@ class State(Pytree):
     through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
     (see `system/coupled.py`), and through the force that a body feels as it is struck (see `system/impacts.py`).
     `internal`: what materials with a memory remember, one entry for each kind of domains; None without such materials.
-    `carry`: digits that single precision drops in short steps; None in double.
+    `carry`: digits that single precision drops in short steps; None in double. `account`: energy that steps book, by
+    kind [J] (see `with_account`); None where no account is kept.
     """
 
     positions: Array = dataclasses.field(metadata=within())
@@ -84,6 +85,7 @@ class State(Pytree):
     rigid: RigidState | None = None
     internal: Any = dataclasses.field(default=None, metadata=within())
     carry: Carry | None = dataclasses.field(default=None, metadata=ranged(None))
+    account: dict[str, Array] | None = dataclasses.field(default=None, metadata=ranged(None))
 
 
 class Method(Protocol):

@@ -156,6 +156,26 @@ class Material:
         """
         return {}
 
+    def tensors(self, values: Values, internal: Any, strain: Array, rows: slice) -> Mapping[str, Array]:
+        """Strains (r, D) that frames show of what is remembered at `strain`, by name; laws with a memory only."""
+        return {}
+
+    def stored(self, values: Values, internal: Any, weights: Array, rows: slice) -> Array | None:
+        """Energy density (D,) [J/m^3] that is stored beside that of the strain from rest, None: none.
+
+        `weights` (r, D): the stiffness of each row; laws with a memory only.
+        """
+        return None
+
+    def dissipated(
+        self, values: Values, before: Any, after: Any, strain: Array, weights: Array, dt: Array, rows: slice
+    ) -> Mapping[str, Array]:
+        """Energy densities (D,) [J/m^3] lost in a step of `dt` that ended at `strain`, by their kind, like "plastic".
+
+        `before` and `after` are remembered at its ends; `weights` as in `stored`; laws with a memory only.
+        """
+        return {}
+
     def rest_strain(self, values: Values, internal: Any, rows: slice) -> Array | None:
         """The strain (r, D) at which no energy is stored, None: zero; laws with a memory only."""
         return None

@@ -118,6 +118,17 @@ class CreepPlastic(Material, word="creep_plastic"):
         at_yield = (jnp.abs(size - values["yield_strain"]) <= edge) & (values["yield_strain"] > 0)
         return {"flowing": jnp.sum(jnp.any(after != before, axis=0)), "at_yield": jnp.sum(at_yield)}
 
+    def tensors(self, values: Values, internal: Array, strain: Array, rows: slice) -> dict[str, Array]:
+        """The plastic strain."""
+        return {"plastic_strain": internal}
+
+    def dissipated(
+        self, values: Values, before: Array, after: Array, strain: Array, weights: Array, dt: Array, rows: slice
+    ) -> dict[str, Array]:
+        """The elastic energy that flow took, all at the end of the step."""
+        change = after - before
+        return {"plastic": jnp.sum(weights * (strain - before - change / 2) * change, axis=0)}
+
     def _elastic(self, internal: Array, strain: Array) -> Array:
         """The elastic strain (r, D) as far as it flows."""
         elastic = strain - internal

@@ -22,6 +22,8 @@ from jaxfem.materials.moduli import eigenstiffness, ratio_and_modulus
 Array = jax.Array
 
 PARTS = ("deviatoric", "all")
+SERIES = 1e-2
+"""Below this many relaxation times a step's loss is a series: digits cancel in the closed form."""
 
 
 class Relaxing(NamedTuple):
@@ -133,6 +135,32 @@ class Viscoelastic(Material, word="viscoelastic"):
         springs = tuple(jnp.exp(-dt / tau) * spring + follow(dt / tau) * change for (_, tau), spring in pairs)
         return Relaxing(own, springs)
 
+    def tensors(self, values: Values, internal: Relaxing, strain: Array, rows: slice) -> dict[str, Array]:
+        """The strain from which all stiffness, that of the branches too, would give the stress at once."""
+        total, share = jnp.zeros_like(internal.strain), 1.0
+        for (g, _), spring in zip(self._branches(values), internal.springs, strict=True):
+            total, share = total + g * (internal.strain - spring), share + g
+        still = jnp.zeros((len(strain) - len(total), *total.shape[1:]), total.dtype)
+        return {"viscous_strain": jnp.concatenate([still, total / share])}
+
+    def stored(self, values: Values, internal: Relaxing, weights: Array, rows: slice) -> Array:
+        """That of the branches' springs."""
+        weights = weights[len(weights) - len(internal.strain) :]
+        pairs = zip(self._branches(values), internal.springs, strict=True)
+        return sum((0.5 * g * jnp.sum(weights * spring**2, axis=0) for (g, _), spring in pairs), start=jnp.zeros(()))
+
+    def dissipated(
+        self, values: Values, before: Relaxing, after: Relaxing, strain: Array, weights: Array, dt: Array, rows: slice
+    ) -> dict[str, Array]:
+        """That of the dashpots, g_i D s_i^2 / tau_i over the step, exactly for a constant strain rate."""
+        weights = weights[len(weights) - len(before.strain) :]
+        change, lost = after.strain - before.strain, jnp.zeros(())
+        for (g, tau), spring in zip(self._branches(values), before.springs, strict=True):
+            old, both, new = lost_shares(dt / tau)
+            square = old * spring**2 + 2 * both * spring * change + new * change**2
+            lost = lost + g * jnp.sum(weights * square, axis=0)
+        return {"viscous": lost}
+
     def _branches(self, values: Values) -> list[tuple[Any, Any]]:
         """(g_i, tau_i) of each branch."""
         return [(values[f"g_{k}"], values[f"tau_{k}"]) for k in range(1, self.branches + 1)]
@@ -166,3 +194,15 @@ def branch_constants(number: int) -> tuple[Constant, Constant]:
 def follow(x: Array) -> Array:
     """p(x) = (1 - exp(-x)) / x, to all digits for small x > 0."""
     return -jnp.expm1(-x) / x
+
+
+def lost_shares(x: Array) -> tuple[Array, Array, Array]:
+    """Integral of s^2 over a time x in units of tau, as a form in the first s and the change of strain.
+
+    s = s0 exp(-u) + change (1 - exp(-u)) / x: coefficients of s0^2, of 2 s0 change, and of change^2.
+    """
+    once, twice = -jnp.expm1(-x), -jnp.expm1(-2 * x)
+    far = jnp.where(x > SERIES, x, 1)
+    exact = (far + 2 * jnp.expm1(-far) - jnp.expm1(-2 * far) / 2) / far**2
+    series = x * (1 / 3 - x * (1 / 4 - x * (7 / 60 - x / 24)))
+    return twice / 2, once**2 / (2 * x), jnp.where(x > SERIES, exact, series)

@@ -3,26 +3,23 @@
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import viscoelastic_force
 from jaxfem.model import Model, Params, State, nodal_mass, shared_mass
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
-from jaxfem.system.memory import step_materials
+from jaxfem.system.memory import soon, step_materials
 from jaxfem.system.soft import external_force
 
 Array = jax.Array
 
 
-def begun(model: Model, params: Params, state: State, forces: Array | None, dt: Array) -> State:
+def begun(model: Model, params: Params, state: State, forces: Array | None) -> State:
     """The state with the accelerations that its forces give, where the scheme needs them and they are not known."""
 
     def acceleration() -> Array:
         force = external_force(model, params, state.positions, forces)
-        # Just after the state: a memory's stress needs some time to be told of.
-        soon = jnp.finfo(dt.dtype).eps ** 0.5 * dt
-        materials = step_materials(model, params, state, soon)
+        materials = step_materials(model, params, state, soon(model.rest.dtype))
         force = force + viscoelastic_force(model.domains, state.positions, state.velocities, materials, model.rotation)
         return _acceleration(model, params, force)
 

@@ -33,7 +33,7 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 @jax.jit
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
     given = value_status(model, params, state, dt, forces)
-    state = begun(model, params, state, forces, dt)
+    state = begun(model, params, state, forces)
     following, info = model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
     return following, judged(info, following, given)
 
@@ -57,7 +57,7 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
 
 @jax.jit
 def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
-    return model.method.prepare(model, params, begun(model, params, state, None, dt), dt)
+    return model.method.prepare(model, params, begun(model, params, state, None), dt)
 
 
 def _cache(model: Model, params: Params, state: State, dt: Array) -> Any:
@@ -114,7 +114,7 @@ def _rollout(
 ) -> tuple[State, StepInfo]:
     series = None if forces is None or forces.ndim != 3 else forces
     given = value_status(model, params, state, dt, forces if series is None else None)
-    state = begun(model, params, state, forces if series is None else series[0], dt)
+    state = begun(model, params, state, forces if series is None else series[0])
     cache = _cache(model, params, state, dt)  # made once for all steps
 
     taken = (model, params, dt, forces, cache, given)

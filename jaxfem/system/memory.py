@@ -13,6 +13,11 @@ from jaxfem.schemes import Stage
 Array = jax.Array
 
 
+def soon(dtype: Any) -> Array:
+    """A time [s] so short that nothing relaxes in it: a memory's stress just after a state is the state's."""
+    return jnp.asarray(1e-3 * float(jnp.finfo(dtype).eps) ** 0.5, dtype)
+
+
 def first_memory(kinds: Sequence[Domains], dtype: Any) -> tuple[Any, ...] | None:
     """What is remembered at rest, one entry for each kind of domains; None where no material has a memory."""
     shapes = [(each.rows.stop - each.rows.start, *each.row_volumes.shape) for each in kinds]
@@ -95,6 +100,17 @@ def resting_materials(model: Model, params: Params, internal: Any) -> list[Domai
         rest = None if own is None else each.law.rest_strain(domain_values(each, values), own, each.rows)
         made.append(plain if rest is None else plain.replace(offset=-rest))
     return made
+
+
+def beside_strain(model: Model, params: Params, internal: Any) -> Array:
+    """Energy () [J] that the laws' memories store beside that of the strain from rest."""
+    values, energy = element_constants(model, params), jnp.zeros((), model.rest.dtype)
+    for each, plain, own in zip(model.domains, domain_materials(model, params), internal, strict=True):
+        if own is not None:
+            weights = jnp.stack([jnp.broadcast_to(w, each.row_volumes.shape) for w in plain.weights(each)])
+            density = each.law.stored(domain_values(each, values), own, weights, each.rows)
+            energy = energy if density is None else energy + jnp.vdot(each.row_volumes, density)
+    return energy
 
 
 def domain_values(domains: Domains, values: dict[str, Array]) -> dict[str, Array]:
