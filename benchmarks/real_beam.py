@@ -4,7 +4,7 @@ DIR holds gravity.csv and any loadNN.csv: motion capture of a clamped silicone b
 under a hanging weight of NN grams at the tip's upper edge (Dubied, Michelis, Spielberg & Katzschmann 2022). Poisson's
 ratio is held at 0.499. The release is found in the data and fitted. Of the loaded takes the settled shape is predicted,
 with the weight as a force. --quick: a coarse mesh and one fit; without it also other steps, nu fitted, all takes
-together, and plain rows with backward Euler.
+together, and plain rows with backward Euler. --branches 1 2: laws that relax instead (real_beam_branches.py).
 """
 
 import argparse
@@ -39,7 +39,7 @@ WEIGHTS = {"load52": 0.51012, "load101": 1.00062}  # N, as published; other take
 SETTLED = 50  # samples at the end of a take that count as settled
 
 
-def beam(cells, poisson=0.499, strain="smoothed", scheme="generalized_alpha", force=0.0):
+def beam(cells, poisson=0.499, strain="smoothed", scheme="generalized_alpha", force=0.0, material=None):
     """(model, params, state) of the straight beam, `force` [N] hanging from the tip's upper edge."""
     mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12, origin=(-0.1, 0.0, 0.0))
     edge = np.flatnonzero((np.abs(mesh.points[:, 0]) < 1e-9) & (mesh.points[:, 2] > 0.03 - 1e-9))
@@ -47,7 +47,8 @@ def beam(cells, poisson=0.499, strain="smoothed", scheme="generalized_alpha", fo
     share[[mesh.points[edge, 1].argmin(), mesh.points[edge, 1].argmax()]] = 0.5
     pull = -force * (share / share.sum())[:, None] * np.array([0.0, 0.0, 1.0])
     load = jf.NodalForce(edge, pull)
-    body = jf.SoftBody(mesh, 2.6e5, poisson, 1070.0, 2.5e-3, fixed="x-", strain=strain, loads=[load], name="beam")
+    material = material or jf.Linear(2.6e5, poisson, 2.5e-3)
+    body = jf.SoftBody(mesh, density=1070.0, material=material, fixed="x-", strain=strain, loads=[load], name="beam")
     return jf.build(jf.Scene([body], gravity=(0, 0, -9.81)), scheme=scheme, tolerance=1e-6)
 
 
@@ -180,23 +181,41 @@ def draw(path, results):
     figure.savefig(path)
 
 
+def takes_in(folder, cells):
+    """Name -> settled shape of each take in the folder."""
+    names = ["gravity", *sorted(path.stem for path in folder.glob("load*.csv") if weight_of(path.stem) is not None)]
+    for other in sorted({path.stem for path in folder.glob("*.csv")} - set(names)):
+        print(f"left out: {other}.csv (takes are gravity.csv and loadNN.csv)", file=sys.stderr)
+    return {name: Settled(folder, name, cells) for name in names}
+
+
+def branches(chosen, cells):
+    """Laws that relax, one after the other."""
+    from real_beam_branches import run
+
+    figures, takes = {"machine": describe(), "cells": cells}, takes_in(chosen.folder, cells)
+    for count in chosen.branches:
+        figures[f"{count} branches"] = run(chosen.folder, cells, count, takes)
+        save("real_beam_branches", figures, chosen.out)
+    finish("real_beam_branches", figures, chosen.out)
+
+
 def main():
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("folder", type=pathlib.Path, help="folder with gravity.csv and loadNN.csv")
     parser.add_argument("--quick", action="store_true", help="a coarse mesh and one fit")
+    parser.add_argument("--branches", type=int, nargs="+", default=[], help="laws with so many branches that relax")
     parser.add_argument("--out", type=pathlib.Path, help="folder for real_beam.json and real_beam.png")
     chosen = parser.parse_args()
     if not (chosen.folder / "gravity.csv").exists():
         parser.error(f"{chosen.folder} holds no gravity.csv, the take without a weight")
     cells = (6, 2, 2) if chosen.quick else (10, 3, 3)
+    if chosen.branches:
+        return branches(chosen, cells)
     gravity = recording_of(chosen.folder, "gravity")
     result = fitted(beam(cells), gravity, 1e-2)
     figures = {"machine": describe(), "cells": cells, "dt": 1e-2, "poisson": 0.499, **summary_of(result)}
-    loaded = sorted(path.stem for path in chosen.folder.glob("load*.csv") if weight_of(path.stem) is not None)
-    names = ["gravity", *loaded]
-    for other in sorted({path.stem for path in chosen.folder.glob("*.csv")} - set(names)):
-        print(f"left out: {other}.csv (takes are gravity.csv and loadNN.csv)", file=sys.stderr)
-    takes = {name: Settled(chosen.folder, name, cells) for name in names}
+    takes = takes_in(chosen.folder, cells)
     figures["settled_young"] = settled_young([takes["gravity"]], figures["young"])
     figures["predictions"] = heights(takes, figures["young"])
     figures["predictions_from_settled_young"] = heights(takes, figures["settled_young"])

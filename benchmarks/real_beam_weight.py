@@ -29,10 +29,10 @@ STRING, GRAVITY, DT, TIME = 0.1, 9.81, 1e-3, 1.5
 EDGE = (0.0, 0.015, 0.03)
 
 
-def hanging(cells, young, damping, force):
+def hanging(cells, material, force):
     """(model, params, state) of the beam with the ball."""
     mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12, origin=(-0.1, 0.0, 0.0))
-    body = jf.SoftBody(mesh, young, 0.499, 1070.0, damping, fixed="x-", strain="smoothed", name="beam")
+    body = jf.SoftBody(mesh, density=1070.0, material=material, fixed="x-", strain="smoothed", name="beam")
     place = (EDGE[0], EDGE[1], EDGE[2] - STRING)
     ball = jf.RigidBody(jf.Sphere(0.015), mass=force / GRAVITY, position=place, name="weight")
     rope = jf.DistanceJoint(body, ball, EDGE, place, length=STRING, rope=True)
@@ -62,9 +62,9 @@ def ringing(times, heights):
     return abs(omega) / (2 * np.pi), decay / np.hypot(decay, omega), rest
 
 
-def compare(folder, name, cells, young, damping):
-    """Figures of one take."""
-    model, params, state = hanging(cells, young, damping, weight_of(name))
+def compare(folder, name, cells, material):
+    """Figures of one take with a beam of this material."""
+    model, params, state = hanging(cells, material, weight_of(name))
     markers = attach(model, PLACES)
     start = np.asarray(marker_positions(markers, state.positions))
     taken = measurement(
@@ -114,7 +114,7 @@ def main():
         young, damping = float(values["young"]), float(values["damping"])
     takes = sorted(path.stem for path in chosen.folder.glob("load*.csv") if weight_of(path.stem) is not None)
     figures = {"machine": describe(), "cells": cells, "young": young, "damping": damping, "dt": DT}
-    figures |= {name: compare(chosen.folder, name, cells, young, damping) for name in takes}
+    figures |= {name: compare(chosen.folder, name, cells, jf.Linear(young, 0.499, damping)) for name in takes}
     finish("real_beam_weight", figures, chosen.out)
 
 

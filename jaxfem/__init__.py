@@ -6,11 +6,13 @@ from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.diagnose import Diagnosis, diagnose
-from jaxfem.energies import Energies, energies
+from jaxfem.energies import Energies, energies, with_account
 from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.materials.creeping import CreepPlastic
 from jaxfem.materials.linear import Linear
+from jaxfem.materials.viscoelastic import Viscoelastic
 from jaxfem.mesh import MeshError, MeshWarning, TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
@@ -18,7 +20,7 @@ from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, SignedDistance, Sphere, TriangleMesh
 from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, scheme_damping
 from jaxfem.statics import equilibrium
-from jaxfem.stepping import StepError, impulses, prepare, rollout, step
+from jaxfem.stepping import StepError, impulses, prepare, rollout, step, with_memory
 from jaxfem.vibration import modes
 
 __version__ = "0.1.0"
@@ -31,6 +33,7 @@ __all__ = [
     "Capsule",
     "Constant",
     "Contact",
+    "CreepPlastic",
     "Cylinder",
     "Diagnosis",
     "DistanceJoint",
@@ -73,6 +76,7 @@ __all__ = [
     "TetMesh",
     "Traction",
     "TriangleMesh",
+    "Viscoelastic",
     "WeldJoint",
     "__version__",
     "build",
@@ -90,4 +94,6 @@ __all__ = [
     "scheme_damping",
     "solvers",
     "step",
+    "with_account",
+    "with_memory",
 ]

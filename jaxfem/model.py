@@ -73,7 +73,8 @@ class State(Pytree):
     through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
     (see `system/coupled.py`), and through the force that a body feels as it is struck (see `system/impacts.py`).
     `internal`: what materials with a memory remember, one entry for each kind of domains; None without such materials.
-    `carry`: digits that single precision drops in short steps; None in double.
+    `carry`: digits that single precision drops in short steps; None in double. `account`: energy that steps book, by
+    kind [J] (see `with_account`); None where no account is kept.
     """
 
     positions: Array = dataclasses.field(metadata=within())
@@ -84,6 +85,7 @@ class State(Pytree):
     rigid: RigidState | None = None
     internal: Any = dataclasses.field(default=None, metadata=within())
     carry: Carry | None = dataclasses.field(default=None, metadata=ranged(None))
+    account: dict[str, Array] | None = dataclasses.field(default=None, metadata=ranged(None))
 
 
 class Method(Protocol):
@@ -207,6 +209,8 @@ class StepInfo(Pytree):
     their shape; None without them. `substeps`: in how many parts the step was taken, where `rollout` takes failed ones
     again in halves; else None. `spin_loss`: the largest share of its angular momentum that a soft body which
     nothing holds lost, loads apart, to the time scheme or to what it touches; None where there is no such body.
+    `counts`: how many domains of strain a law with a memory reports something of, by its word, such as "at_yield": at
+    the edge of yield, where derivatives are one-sided; None where no law counts anything.
     """
 
     status: Array
@@ -217,6 +221,7 @@ class StepInfo(Pytree):
     scheme_damping: Array | None = None
     substeps: Array | None = None
     spin_loss: Array | None = None
+    counts: dict[str, Array] | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

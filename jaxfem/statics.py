@@ -17,6 +17,7 @@ from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.stepping.values import judged, value_status
+from jaxfem.system.memory import memory_at
 from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
 
@@ -66,6 +67,7 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
     """Where the scene rests under its loads: (state at rest, info).
 
     Starts from `state.positions`; fixed and driven nodes stay where `state` has them; velocities come out zero.
+    Materials that relax, such as `Viscoelastic`, are at rest with their relaxed stiffness, and remember it.
     `forces` (n, 3) [N]: extra nodal forces. Differentiable in params, the fixed nodes' positions and forces. Every body
     needs enough fixed nodes to be held: otherwise the status says that no equilibrium was found.
     """
@@ -75,8 +77,11 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         )
     if model.rotation != "polar":
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
-    if model.has_memory:
-        raise StepError("equilibrium takes materials without a memory: others come to rest by steps")
+    if any(law.remembers and not law.relaxes for law in model.laws):
+        raise StepError(
+            "equilibrium takes materials without a memory, and those that relax to the stiffness alone: others come to "
+            "rest by steps"
+        )
     params, state, forces = typed(model, params, state, forces)
     check_call(model, params, state, 1.0, forces)
     found: tuple[State, StepInfo] = _equilibrium(model, params, state, forces)
@@ -93,6 +98,8 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
     rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)
+    if model.has_memory:
+        rest = rest.replace(internal=memory_at(model, params, positions, at_once=False))
     inverted = inverted_elements(model, positions)
     found = StepInfo(info.status, info.iterations, info.residual, info.weakly_active, inverted)
     return rest, judged(found, rest, given)

@@ -73,7 +73,7 @@ def build(
     for body, name in zip(bodies, names, strict=True):
         check_body(body, name)
     made = _scheme(scheme, rho_inf, dtype)
-    check_laws(bodies, names, made)
+    check_laws(bodies, names)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
     model = _model(bodies, names, offsets, dtype, tolerance, max_iterations, made, mass)

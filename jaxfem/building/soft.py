@@ -16,7 +16,6 @@ from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import MeshWarning
 from jaxfem.mesh.troubles import troubles
 from jaxfem.model import Params
-from jaxfem.schemes import Scheme
 
 
 class AccuracyWarning(UserWarning):
@@ -43,8 +42,8 @@ def check_body(body: SoftBody, name: str) -> None:
         )
 
 
-def check_laws(bodies: Sequence[SoftBody], names: Sequence[str], scheme: Scheme) -> None:
-    """Refuse constants of one name and two meanings, names that `Params` has for others, schemes without a memory."""
+def check_laws(bodies: Sequence[SoftBody], names: Sequence[str]) -> None:
+    """Refuse constants of one name and two meanings, and names that `Params` has for others."""
     taken = {each.name for each in dataclasses.fields(Params)} | set(dir(Params)) | {DENSITY.name}
     known: dict[str, Constant] = {}
     for body, name in zip(bodies, names, strict=True):
@@ -56,10 +55,6 @@ def check_laws(bodies: Sequence[SoftBody], names: Sequence[str], scheme: Scheme)
                     f'{type(law).__name__}, the material of "{name}", calls a constant {each.name!r}, which is '
                     f"something else in {other}: give it another name"
                 )
-        if law.remembers and scheme.order > 1:
-            raise SceneError(
-                f'{type(law).__name__}, the material of "{name}", has a memory: it needs scheme = "backward_euler"'
-            )
 
 
 def body_domains(

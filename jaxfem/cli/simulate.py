@@ -9,6 +9,7 @@ import jax
 
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.running import Run, advance
+from jaxfem.energies import with_account
 from jaxfem.io.export import FrameWriter, read_frame
 from jaxfem.io.plots import PlotError, plot_energies, plot_series, plot_shapes, require_matplotlib
 from jaxfem.io.scene_files import SceneFile, load_scene
@@ -36,9 +37,11 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     plots = not args.no_plots and _can_plot()
     model, params, state = file.build()
+    if model.bodies:
+        state = with_account(model, params, state)
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     begun = time.perf_counter()
-    with FrameWriter(folder, file.source.stem, model, params, file.points) as writer:
+    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun
     pictures = _plots(writer) if plots and writer.saved else []

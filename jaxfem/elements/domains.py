@@ -168,6 +168,10 @@ class DomainMaterial(Pytree):
     damping: Any
     offset: Array | None = None
 
+    def from_rest(self, strain: list[Array]) -> list[Array]:
+        """The strain with the known offset, where there is one."""
+        return strain if self.offset is None else [s + o for s, o in zip(strain, self.offset, strict=True)]
+
     def weights(self, domains: Domains) -> list[Any]:
         """Stiffness of each of the rows."""
         return [self.volumetric, *[self.deviatoric] * 5][domains.rows]

@@ -46,8 +46,7 @@ def elastic_response(
     energy, force, rotations = jnp.zeros((), positions.dtype), jnp.zeros_like(positions), []
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
-        if material.offset is not None:
-            strain = [s + o for s, o in zip(strain, material.offset, strict=True)]
+        strain = material.from_rest(strain)
         impulse = [each.row_volumes * w * s for w, s in zip(material.weights(each), strain, strict=True)]
         energy = energy + 0.5 * sum(jnp.vdot(p, s) for p, s in zip(impulse, strain, strict=True))
         force = force + domain_force(each, rotation, [-p for p in impulse], positions.shape[0])
@@ -62,13 +61,15 @@ def viscoelastic_force(
     materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
 ) -> Array:
-    """Force (n, 3) [N] of the stress D (e + beta de/dt); `materials`: one for each kind."""
+    """Force (n, 3) [N] of the stress D (e + offset + beta de/dt); `materials`: one for each kind."""
     force = jnp.zeros_like(positions)
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
         rate = symmetric(product(transposed(rotation), domain_gradient(each, velocities)))
         rates = row_means(each, to_eigenbasis(rate)[each.rows])
-        terms = zip(material.weights(each), strain, rates, strict=True)
-        pull = [-each.row_volumes * w * (s + material.damping * r) for w, s, r in terms]
+        strain = material.from_rest(strain)
+        times = material.damping if jnp.ndim(material.damping) == 2 else [material.damping] * len(strain)
+        terms = zip(material.weights(each), strain, rates, times, strict=True)
+        pull = [-each.row_volumes * w * (s + beta * r) for w, s, r, beta in terms]
         force = force + domain_force(each, rotation, pull, positions.shape[0])
     return force

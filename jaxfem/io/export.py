@@ -22,7 +22,6 @@ from jaxfem.mesh import locate
 from jaxfem.mesh.formats.foreign import read_fields, write_foreign
 from jaxfem.model import Model, Params, State
 
-ENERGIES = ("kinetic", "elastic", "gravity")
 SHORT = 500  # frames that an index lists before it is rewritten less often
 OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the mesh
 
@@ -31,7 +30,9 @@ OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the m
 class Frame:
     """One saved frame: `time` [s], `positions` (n, 3) [m], `cells` (E, 4), and its `fields` by name, each an attribute
     too: `displacement` [m] and `velocity` [m/s] (n, 3), of each element (E,) its `body` (number in the scene) and
-    `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`."""
+    `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`; of laws with a memory von Mises
+    values of what they remember, like `von_mises_plastic_strain`; where a run asks for them the tensors `stress` [Pa],
+    `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes."""
 
     time: float
     positions: np.ndarray
@@ -50,7 +51,7 @@ class Saved(NamedTuple):
 
     time: float
     path: Path
-    energies: tuple[float, ...]
+    energies: dict[str, float]
     places: np.ndarray
 
 
@@ -62,14 +63,22 @@ class FrameWriter:
     with the nodes where they are at that time; energies.csv [J]; points.csv, the paths of `points` (name -> (3,) [m], a
     material point of the undeformed bodies); rigid.csv, the poses of rigid bodies (place of the centre of mass, unit
     quaternion). Frames of rigid bodies alone hold a vertex for each. Frames of an earlier run of that name are removed.
+    `tensors`: whether frames hold stress and strain as tensors. energies.csv has what the states' account books too.
     SceneError for a point outside every body.
     """
 
     def __init__(
-        self, folder: Any, name: str, model: Model, params: Params, points: Mapping[str, Any] | None = None
+        self,
+        folder: Any,
+        name: str,
+        model: Model,
+        params: Params,
+        points: Mapping[str, Any] | None = None,
+        tensors: bool = False,
     ) -> None:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
+        self.tensors = tensors
         self.points = _Tracked(model, dict(points or {}))
         self.saved: list[Saved] = []
         self._open = contextlib.ExitStack()
@@ -80,7 +89,7 @@ class FrameWriter:
         for old in frames.glob(f"{self.name}_*.vtu"):
             if old.stem[len(self.name) + 1 :].isdigit():
                 old.unlink()
-        self._energy_row = self._table("energies.csv", ["time_s", *(f"{kind}_J" for kind in ENERGIES)])
+        self._energy_row: Callable[[list[float]], None] | None = None  # its columns are the first state's
         self._point_row = None
         if self.points.names:
             columns = [f"{name}_{axis}_m" for name in self.points.names for axis in "xyz"]
@@ -99,7 +108,7 @@ class FrameWriter:
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
-        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS))
+        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS), self.tensors)
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
             poses = np.concatenate([np.asarray(state.rigid.positions), np.asarray(state.rigid.orientations)], 1)
@@ -108,11 +117,13 @@ class FrameWriter:
         mesh = _frame_mesh(self.model, state, {name: np.asarray(each) for name, each in fields.items()})
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
-        row = tuple(float(getattr(energy, kind)) for kind in ENERGIES)
+        row = {kind: float(value) for kind, value in energy.kinds.items()}
         self.saved.append(Saved(time, path, row, self.points.at(positions)))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
             self._write_index()
-        self._energy_row([time, *row])
+        if self._energy_row is None:
+            self._energy_row = self._table("energies.csv", ["time_s", *(f"{kind}_J" for kind in row)])
+        self._energy_row([time, *row.values()])
         if self._point_row is not None:
             self._point_row([time, *self.saved[-1].places.ravel()])
         return path
@@ -125,8 +136,8 @@ class FrameWriter:
     @property
     def energies(self) -> dict[str, np.ndarray]:
         """Kind -> energy at each saved frame (k,) [J]."""
-        columns = np.array([each.energies for each in self.saved]).reshape(-1, len(ENERGIES)).T
-        return dict(zip(ENERGIES, columns, strict=True))
+        kinds = self.saved[0].energies if self.saved else {}
+        return {kind: np.array([each.energies[kind] for each in self.saved]) for kind in kinds}
 
     @property
     def paths(self) -> dict[str, np.ndarray]:
@@ -171,8 +182,9 @@ def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> tu
         each = {"body": [np.arange(count)], "von_mises": [np.zeros(count)]}
         return places, [("vertex", np.arange(count)[:, None])], moved, each
     cells = [("tetra", np.asarray(model.elements.cells, np.int64))]
-    nodal = {name: value for name, value in fields.items() if FIELDS[name].on == "node"}
-    elementwise = {name: [value] for name, value in fields.items() if FIELDS[name].on == "element"}
+    on_nodes = {name for name in fields if name in FIELDS and FIELDS[name].on == "node"}
+    nodal = {name: value for name, value in fields.items() if name in on_nodes}
+    elementwise = {name: [value] for name, value in fields.items() if name not in on_nodes}
     return np.asarray(state.positions), cells, nodal, elementwise
 
 
@@ -204,10 +216,12 @@ class _Tracked:
         return places
 
 
-@partial(jax.jit, static_argnames="names")
-def _computed(model: Model, params: Params, state: State, names: tuple[str, ...]) -> tuple[dict[str, Any], Any]:
+@partial(jax.jit, static_argnames=("names", "whole"))
+def _computed(
+    model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool
+) -> tuple[dict[str, Any], Any]:
     """All fields and the energies of a frame; `names`: of the fields, since a later one has to be compiled too."""
-    return computed(model, params, state), energies(model, params, state)
+    return computed(model, params, state, whole), energies(model, params, state)
 
 
 @contextlib.contextmanager

@@ -7,8 +7,8 @@ from typing import Any, Literal
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.stress import von_mises_stress
-from jaxfem.model import Model, Params, State, element_stiffness
+from jaxfem.model import Model, Params, State
+from jaxfem.system.inside import in_world, tensors, von_mises
 
 Array = jax.Array
 Compute = Callable[[Model, Params, State], Array]
@@ -67,15 +67,29 @@ def _body(model: Model, params: Params, state: State) -> Array:
 
 @frame_field("von_mises", "Pa", "element")
 def _von_mises(model: Model, params: Params, state: State) -> Array:
-    """Of plain elements, by their elastic stiffness; NaN in bodies whose law has a memory, which alone knows it."""
-    _, deviatoric = element_stiffness(model, params)
-    stress: Array = von_mises_stress(model.elements, state.positions, deviatoric, model.rotation)
-    known = jnp.asarray([not law.remembers for law in model.laws] or [True])
-    return jnp.where(known[model.elements.body], stress, jnp.nan)
+    """Of the stress that the domains take, as a mean over those that an element is part of."""
+    return von_mises(tensors(model, params, state)["stress"])
 
 
-def computed(model: Model, params: Params, state: State) -> dict[str, Any]:
-    """All fields of a frame by name. ValueError where one does not have an entry a node or element."""
+def inside(model: Model, params: Params, state: State, whole: bool) -> dict[str, Array]:
+    """What else frames hold of the elements: von Mises values of the strains that laws remember.
+
+    With `whole` also that of the strain, and all of them and the stress as tensors (E, 6): xx, yy, zz, xy, yz, xz.
+    """
+    if not model.bodies or not (whole or model.has_memory):
+        return {}
+    found = tensors(model, params, state)
+    values = {
+        f"von_mises_{name}": von_mises(each, strain=True)
+        for name, each in found.items()
+        if name != "stress" and (whole or name != "strain")
+    }
+    turned = in_world(model, state)
+    return values | ({name: turned(each) for name, each in found.items()} if whole else {})
+
+
+def computed(model: Model, params: Params, state: State, whole: bool = False) -> dict[str, Any]:
+    """All fields of a frame by name; `whole`: with tensors. ValueError where one has no entry a node or element."""
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
     for name, field in FIELDS.items():
         found[name] = jnp.asarray(field.compute(model, params, state))
@@ -84,4 +98,4 @@ def computed(model: Model, params: Params, state: State) -> dict[str, Any]:
                 f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '
                 f"{counts[field.on]} {field.on}s"
             )
-    return found
+    return found | inside(model, params, state, whole)

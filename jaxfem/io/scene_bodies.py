@@ -11,7 +11,7 @@ from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
 from jaxfem.materials.base import LAWS, Material
-from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.constants import DENSITY, Constant, MaterialError
 from jaxfem.materials.linear import Linear
 from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, read
 from jaxfem.motion import Motion
@@ -32,13 +32,15 @@ MESH_KEYS = {
 
 def body_keys(values: dict[str, Any], where: str) -> tuple[str, ...]:
     """Keys that a [[body]] table may hold: those of every body, and the constants and options of its material."""
-    law = _law(Table(values, where, None))
-    for name in (*(each.name for each in law.constants), *law.options):
+    table = Table(values, where, None)
+    law = _law(table)
+    constants = law.constants_of(_options(table, law))
+    for name in (*(each.name for each in constants), *law.options):
         if name in BODY_KEYS and name != DENSITY.name:
             raise SceneFileError(
                 f"{law.__name__} calls a constant or option {name!r}, a key of every [[body]]: rename it"
             )
-    return (*BODY_KEYS, *(each.name for each in law.constants), *law.options)
+    return (*BODY_KEYS, *(each.name for each in constants), *law.options)
 
 
 def _law(table: Table) -> type[Material]:
@@ -78,12 +80,21 @@ def _children(table: Table, key: str) -> list[tuple[dict[str, Any], str]]:
 def _material(table: Table, mesh: TetMesh) -> Material:
     """The material that the table names, with its constants and options."""
     law = _law(table)
-    constants = {each.name: _constant(table, mesh, each) for each in law.constants}
-    options = {key: table.get(key) for key in law.options if key in table}
+    options = _options(table, law)
+    constants = {each.name: _constant(table, mesh, each) for each in law.constants_of(options)}
+    try:
+        return law(**constants, **options)
+    except MaterialError as problem:
+        raise SceneFileError(f"{table.where}: {problem}") from problem
+
+
+def _options(table: Table, law: type[Material]) -> dict[str, Any]:
+    """All options of the law, those that the table leaves out at their defaults."""
+    options = {key: table.get(key) if key in table else default for key, default in law.options.items()}
     for key, value in options.items():
         if type(value) is not type(law.options[key]):
             raise table.wrong(key, f"of the kind of {law.options[key]!r}")
-    return law(**constants, **options)
+    return options
 
 
 def _constant(table: Table, mesh: TetMesh, constant: Constant) -> Any:

@@ -22,7 +22,7 @@ __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
 TIME_KEYS = ("step", "duration", "steps", "save_every", "halvings", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
-OUTPUT_KEYS = ("folder", "points")
+OUTPUT_KEYS = ("folder", "points", "tensors")
 PRECISIONS = ("float64", "float32")
 
 
@@ -33,7 +33,8 @@ class SceneFile:
     `dt` [s], `steps`, `every`: steps a saved frame; `halvings`: how often a step that fails is halved (0: not at all);
     `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`:
     "float64" or "float32"; `folder`: where results go; `points`: name -> (x, y, z) [m] of a material point of the
-    undeformed bodies whose path is recorded; `source`: the file.
+    undeformed bodies whose path is recorded; `tensors`: whether frames hold stress and strain as tensors; `source`: the
+    file.
     """
 
     scene: Scene
@@ -50,6 +51,7 @@ class SceneFile:
     precision: str
     folder: Path
     points: dict[str, tuple[float, float, float]]
+    tensors: bool
     source: Path
 
     @property
@@ -114,6 +116,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "precision": solver.choice("precision", PRECISIONS, "float64"),
         "folder": source.parent / output.text("folder", f"{source.stem}_results"),
         "points": {name: points.vector(name, unit="m") for name in points.values},
+        "tensors": output.flag("tensors", False),
     }
     gravity = top.vector("gravity", (0.0, 0.0, -9.81), "m/s^2")
     return SceneFile(scene=_scene(top, source.parent, gravity), source=source, **settings)

@@ -41,6 +41,8 @@ class Material:
     word: ClassVar[str] = ""
     constants: ClassVar[tuple[Constant, ...]] = ()
     options: ClassVar[Mapping[str, Any]] = {}
+    relaxes: ClassVar[bool] = False
+    """Whether the stress of a strain that is held comes to that of the stiffness alone; statics then takes the law."""
     values: Mapping[str, Any]
 
     def __init_subclass__(cls, word: str = "", **kwargs: Any) -> None:
@@ -59,23 +61,33 @@ class Material:
         cls.word = word
 
     def __init__(self, **given: Any):
-        names = [each.name for each in self.constants]
+        options = {name: given.get(name, default) for name, default in self.options.items()}
+        constants = self.constants_of(options)
+        names = [each.name for each in constants]
         for name in given:
             if name not in names and name not in self.options:
                 known = ", ".join([*names, *self.options])
                 raise MaterialError(f"{type(self).__name__} has no constant {name!r}; it has {known}")
-        for each in self.constants:
+        for each in constants:
             if given.get(each.name) is None and each.default is None:
                 unit = f" in {each.unit}" if each.unit else ""
                 raise MaterialError(f"{type(self).__name__} needs {each.name}, its {each.title}{unit}")
-        values = {each.name: given.get(each.name) for each in self.constants}
-        defaults = {each.name: each.default for each in self.constants}
+        values = {each.name: given.get(each.name) for each in constants}
+        defaults = {each.name: each.default for each in constants}
         self._set({name: defaults[name] if value is None else value for name, value in values.items()}, given)
 
     def _set(self, values: Mapping[str, Any], options: Mapping[str, Any]) -> None:
         object.__setattr__(self, "values", values)
         for name, default in self.options.items():
             object.__setattr__(self, name, options.get(name, default))
+        own = self.constants_of({name: getattr(self, name) for name in self.options})
+        if own != type(self).constants:
+            object.__setattr__(self, "constants", own)
+
+    @classmethod
+    def constants_of(cls, options: Mapping[str, Any]) -> tuple[Constant, ...]:
+        """The constants of the variant with these `options`, all of them; a law whose variants differ says which."""
+        return cls.constants
 
     def __setattr__(self, name: str, value: Any) -> None:
         raise AttributeError(f"a material does not change: make another {type(self).__name__}")
@@ -114,18 +126,55 @@ class Material:
         """What is remembered where the `strain` is (r, D), as at the start: a pytree of arrays, or None, no memory."""
         return None
 
+    def internal_at_once(self, values: Values, strain: Array) -> Any:
+        """What is remembered where the `strain` (r, D) was taken to at once, where that differs from `internal0`."""
+        return self.internal0(strain)
+
     @property
     def remembers(self) -> bool:
         """Whether the law has a memory."""
-        return self.internal0(jnp.zeros((1, 1))) is not None
+        return self.internal0(jnp.zeros((6, 1))) is not None
 
     def response(self, values: Values, internal: Any, dt: Array, rows: slice) -> Response:
-        """The stress of the coming step of `dt` [s] as a function of the strain in it; laws with a memory only."""
+        """The stress `dt` [s] after what is remembered as a function of the strain there; laws with a memory only.
+
+        That is where the scheme takes stresses: the end of the step, or a place within it; () or one a domain (D,).
+        """
         raise NotImplementedError(f"{type(self).__name__} has a memory but no response")
 
     def commit(self, values: Values, internal: Any, strain: Array, dt: Array, rows: slice) -> Any:
         """What is remembered after a step of `dt` that ended at `strain` (r, D); laws with a memory only."""
         raise NotImplementedError(f"{type(self).__name__} has a memory but does not commit to it")
+
+    def counts(
+        self, values: Values, before: Any, after: Any, strain: Array, dt: Array, rows: slice
+    ) -> Mapping[str, Array]:
+        """How many domains a step of `dt` did something to, by its word, () each: `info.counts` adds them up.
+
+        `before` and `after` are remembered at its ends, it ended at `strain`. Such as states at the edge of yield,
+        where derivatives are one-sided. Laws with a memory only.
+        """
+        return {}
+
+    def tensors(self, values: Values, internal: Any, strain: Array, rows: slice) -> Mapping[str, Array]:
+        """Strains (r, D) that frames show of what is remembered at `strain`, by name; laws with a memory only."""
+        return {}
+
+    def stored(self, values: Values, internal: Any, weights: Array, rows: slice) -> Array | None:
+        """Energy density (D,) [J/m^3] that is stored beside that of the strain from rest, None: none.
+
+        `weights` (r, D): the stiffness of each row; laws with a memory only.
+        """
+        return None
+
+    def dissipated(
+        self, values: Values, before: Any, after: Any, strain: Array, weights: Array, dt: Array, rows: slice
+    ) -> Mapping[str, Array]:
+        """Energy densities (D,) [J/m^3] lost in a step of `dt` that ended at `strain`, by their kind, like "plastic".
+
+        `before` and `after` are remembered at its ends; `weights` as in `stored`; laws with a memory only.
+        """
+        return {}
 
     def rest_strain(self, values: Values, internal: Any, rows: slice) -> Array | None:
         """The strain (r, D) at which no energy is stored, None: zero; laws with a memory only."""

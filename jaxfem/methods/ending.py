@@ -7,6 +7,7 @@ from jaxfem.elements.tetra import deformation_gradient
 from jaxfem.methods.base import Solved
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.schemes import BackwardEuler, scheme_damping
+from jaxfem.system.account import booked
 from jaxfem.system.carry import carried, increments_only
 from jaxfem.system.coupled import advance_rigid
 from jaxfem.system.memory import committed
@@ -45,7 +46,10 @@ def ended(
     if state.carry is not None:
         following = carried(state, following, dt)
     positions = following.positions
-    following = following.replace(internal=committed(model, params, state, positions, dt))
+    internal, counts = committed(model, params, state, positions, dt)
+    following = following.replace(internal=internal)
+    if state.account is not None:
+        following = following.replace(account=booked(model, params, state, following, dt, forces))
     info = solved.info
     return following, StepInfo(
         info.status,
@@ -55,6 +59,7 @@ def ended(
         inverted_elements(model, positions),
         _scheme_damping(model, dt, impact),
         spin_loss=None if model.drifting is None else spin_loss(model, params, state, following, dt, forces),
+        counts=counts,
     )
 
 

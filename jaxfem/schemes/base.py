@@ -23,6 +23,7 @@ Array = jax.Array
 class Stage(Pytree):
     """Where a step's rows are made, see above; `start` (n, 3): velocities before loads act. None stands for zeros.
 
+    Strain and rate are taken the share `follow` of the step after its start: so late materials with a memory are asked.
     `reach`, `follow` and `weight` are one number each, or (n, 1) where bodies take the step by different schemes.
     """
 

@@ -2,6 +2,7 @@
 
 from jaxfem.stepping.checks import StepError, check_call, typed
 from jaxfem.stepping.impulses import impulses
+from jaxfem.stepping.remembering import with_memory
 from jaxfem.stepping.step import prepare, rollout, step
 
-__all__ = ["StepError", "check_call", "impulses", "prepare", "rollout", "step", "typed"]
+__all__ = ["StepError", "check_call", "impulses", "prepare", "rollout", "step", "typed", "with_memory"]

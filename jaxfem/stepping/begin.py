@@ -5,9 +5,10 @@ from typing import Any
 import jax
 
 from jaxfem.elements.elasticity import viscoelastic_force
-from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, shared_mass
+from jaxfem.model import Model, Params, State, nodal_mass, shared_mass
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
+from jaxfem.system.memory import soon, step_materials
 from jaxfem.system.soft import external_force
 
 Array = jax.Array
@@ -18,7 +19,7 @@ def begun(model: Model, params: Params, state: State, forces: Array | None) -> S
 
     def acceleration() -> Array:
         force = external_force(model, params, state.positions, forces)
-        materials = domain_materials(model, params)
+        materials = step_materials(model, params, state, soon(model.rest.dtype))
         force = force + viscoelastic_force(model.domains, state.positions, state.velocities, materials, model.rotation)
         return _acceleration(model, params, force)
 

@@ -91,7 +91,7 @@ def step_system(
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     return System(
-        elastic=elastic_rows(model.domains, stage, step_materials(model, params, state, dt), model.rotation),
+        elastic=elastic_rows(model.domains, stage, step_materials(model, params, state, dt, stage), model.rotation),
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,

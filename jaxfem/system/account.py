@@ -1,0 +1,85 @@
+"""Energy that leaves and enters a scene, booked step by step: losses, and the work of loads and motions.
+
+Each entry is of second order in the step: trapezoids of forces along the way, and losses of an even strain rate.
+"""
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.elements.domains import domain_strains
+from jaxfem.elements.elasticity import viscoelastic_force
+from jaxfem.loads import load_force
+from jaxfem.model import Model, Params, State, domain_materials, element_constants, nodal_mass, shared_mass
+from jaxfem.system.memory import domain_values, soon, step_materials
+
+Array = jax.Array
+
+
+def first_account(model: Model, params: Params, state: State) -> dict[str, Array]:
+    """Nothing booked yet, one entry for each kind of loss or work that the scene may have."""
+    shapes = jax.eval_shape(lambda: _entries(model, params, state, state, jnp.ones((), model.rest.dtype), None))
+    return {name: jnp.zeros((), each.dtype) for name, each in shapes.items()}
+
+
+def booked(
+    model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None
+) -> dict[str, Array] | None:
+    """The account after a step of `dt` [s] from one state to another; None where none is kept."""
+    if before.account is None:
+        return None
+    entries = _entries(model, params, before, after, dt, forces)
+    return {name: before.account[name] + entries[name] for name in before.account}
+
+
+def _entries(
+    model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None
+) -> dict[str, Array]:
+    """What a step adds to each entry, () [J]."""
+    way = after.positions - before.positions
+    pull = [load_force(model.loads, params.loads, each.positions) for each in (before, after)]
+    load = 0.5 * (pull[0] + pull[1]) + (0 if forces is None else forces)
+    entries = {"loads": -jnp.vdot(load, way)}
+    if model.driven:
+        entries["supports"] = -_support_work(model, params, before, after, load, dt)
+    return entries | _losses(model, params, before, after, dt)
+
+
+def _losses(model: Model, params: Params, before: State, after: State, dt: Array) -> dict[str, Array]:
+    """What damping and the laws' memories lost."""
+    strains = [domain_strains(model.domains, each.positions, model.rotation) for each in (before, after)]
+    values, zero = element_constants(model, params), jnp.zeros((), model.rest.dtype)
+    losses = {"damping": zero}
+    for k, (each, material) in enumerate(zip(model.domains, domain_materials(model, params), strict=True)):
+        start, end = (jnp.stack(own[k][0]) for own in strains)
+        weights = jnp.stack([jnp.broadcast_to(w, each.row_volumes.shape) for w in material.weights(each)])
+        rate = material.damping * jnp.sum(weights * (end - start) ** 2, axis=0) / dt
+        losses["damping"] += jnp.vdot(each.row_volumes, rate)
+        if before.internal is None or before.internal[k] is None:
+            continue
+        own = domain_values(each, values)
+        found = each.law.dissipated(own, before.internal[k], after.internal[k], end, weights, dt, each.rows)
+        for name, density in found.items():
+            losses[name] = losses.get(name, zero) + jnp.vdot(each.row_volumes, density)
+    return losses
+
+
+def _support_work(model: Model, params: Params, before: State, after: State, load: Array, dt: Array) -> Array:
+    """Work of prescribed motions: what of the driven nodes' kinetic energy no other force accounts for."""
+    mass, shared = nodal_mass(model, params.density)[:, None], shared_mass(model, params.density)
+    change = after.velocities - before.velocities
+    momentum = mass * change if shared is None else mass * change + shared.apply(change)
+    way = after.positions - before.positions
+    inner = [
+        viscoelastic_force(
+            model.domains,
+            each.positions,
+            way / dt,  # prescribed velocities are those of the middle of a step
+            step_materials(model, params, each, soon(model.rest.dtype)),
+            model.rotation,
+        )
+        for each in (before, after)
+    ]
+    others = load + 0.5 * (inner[0] + inner[1]) + mass * params.gravity
+    driven = jnp.zeros((model.nodes, 1), way.dtype).at[jnp.concatenate(model.driven)].set(1)
+    mean = 0.5 * (before.velocities + after.velocities)
+    return jnp.sum(driven * (momentum * mean - others * way))
