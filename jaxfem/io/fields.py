@@ -1,12 +1,13 @@
 """What the frames of soft bodies hold, one entry a field; a new one registers itself with `@frame_field(...)`."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.declared.errors import SceneError
 from jaxfem.elements.stress import von_mises_stress
 from jaxfem.model import Model, Params, State, element_stiffness
 
@@ -74,10 +75,19 @@ def _von_mises(model: Model, params: Params, state: State) -> Array:
     return jnp.where(known[model.elements.body], stress, jnp.nan)
 
 
-def computed(model: Model, params: Params, state: State) -> dict[str, Any]:
-    """All fields of a frame by name. ValueError where one does not have an entry a node or element."""
+def chosen_fields(names: Sequence[str] | None) -> tuple[str, ...]:
+    """The fields of these names, all of them where None is given. SceneError for an unknown name."""
+    for name in names or ():
+        if name not in FIELDS:
+            raise SceneError(f'frames have no field "{name}"; known: {", ".join(FIELDS)}')
+    return tuple(FIELDS) if names is None else tuple(dict.fromkeys(names))
+
+
+def computed(model: Model, params: Params, state: State, names: Sequence[str] | None = None) -> dict[str, Any]:
+    """Fields of a frame by name, all without `names`. ValueError where one does not have an entry a node or element."""
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
-    for name, field in FIELDS.items():
+    for name in FIELDS if names is None else names:
+        field = FIELDS[name]
         found[name] = jnp.asarray(field.compute(model, params, state))
         if found[name].shape[:1] != (counts[field.on],):
             raise ValueError(
