@@ -1,12 +1,13 @@
 """What the frames of soft bodies hold, one entry a field; a new one registers itself with `@frame_field(...)`."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.declared.errors import SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.system.inside import in_world, tensors, von_mises
 
@@ -88,14 +89,28 @@ def inside(model: Model, params: Params, state: State, whole: bool) -> dict[str,
     return values | ({name: turned(each) for name, each in found.items()} if whole else {})
 
 
-def computed(model: Model, params: Params, state: State, whole: bool = False) -> dict[str, Any]:
-    """All fields of a frame by name; `whole`: with tensors. ValueError where one has no entry a node or element."""
+def chosen_fields(names: Sequence[str] | None) -> tuple[str, ...]:
+    """The fields of these names, all of them where None is given. SceneError for an unknown name."""
+    for name in names or ():
+        if name not in FIELDS:
+            raise SceneError(f'frames have no field "{name}"; known: {", ".join(FIELDS)}')
+    return tuple(FIELDS) if names is None else tuple(dict.fromkeys(names))
+
+
+def computed(
+    model: Model, params: Params, state: State, names: Sequence[str] | None = None, whole: bool | None = False
+) -> dict[str, Any]:
+    """Fields of a frame by name, all without `names`, and those of `inside`; `whole`: with tensors, None: neither.
+
+    ValueError where one does not have an entry a node or element.
+    """
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
-    for name, field in FIELDS.items():
+    for name in FIELDS if names is None else names:
+        field = FIELDS[name]
         found[name] = jnp.asarray(field.compute(model, params, state))
         if found[name].shape[:1] != (counts[field.on],):
             raise ValueError(
                 f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '
                 f"{counts[field.on]} {field.on}s"
             )
-    return found | inside(model, params, state, whole)
+    return found if whole is None else found | inside(model, params, state, whole)

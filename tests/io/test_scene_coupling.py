@@ -165,4 +165,4 @@ def test_simulate_writes_poses(write, tmp_path, text):
         rows = list(csv.DictReader(file))
     assert len(rows) == 4 and "tool_qw" in rows[0]
     assert float(rows[-1]["tool_z_m"]) == pytest.approx(0.05 if "contact" in text else 0.05 - 9.81 * 6e-4, abs=1e-8)
-    assert len(list((out / "frames").glob("*.vtu"))) == 4
+    assert len(list((out / "frames").glob("scene_?????.vtu"))) == 4
