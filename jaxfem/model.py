@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
-from jaxfem.elements.mass import MassKind, SharedMass, consistent_share
+from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diagonal
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
@@ -289,7 +289,7 @@ def nodal_mass(model: Model, density: Array) -> Array:
 
 def shared_mass(model: Model, density: Array) -> SharedMass | None:
     """What the model's mass matrix has beside the lumped masses; None where it has nothing."""
-    if model.mass == "lumped" or model.pattern.corner_pairs is None:
+    if is_diagonal(model.mass) or model.pattern.corner_pairs is None:
         return None
     element_mass = consistent_share(model.mass) * per_element(model, density) * model.elements.volumes
     return SharedMass(element_mass, model.elements.cells, model.pattern.corner_pairs)

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import elastic_response
+from jaxfem.elements.tetra import has_energy
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.methods.ending import inverted_elements
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
@@ -75,7 +76,7 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         raise StepError(
             "equilibrium takes soft bodies alone: a scene with rigid bodies, joints or contacts comes to rest by steps"
         )
-    if model.rotation != "polar":
+    if not has_energy(model.rotation):
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
     if any(law.remembers and not law.relaxes for law in model.laws):
         raise StepError(

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.elements.domains import domain_strains
 from jaxfem.elements.elasticity import elastic_force
 from jaxfem.elements.mass import MASSES, MassKind, mass_product
+from jaxfem.elements.tetra import has_energy
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, domain_materials, element_stiffness, nodal_mass, per_element
@@ -50,7 +51,7 @@ def modes(
         raise StepError(f"mass is {mass!r}; known: {', '.join(MASSES)}")
     if model.coupled:
         raise StepError("modes takes soft bodies alone, without rigid bodies, joints or contacts")
-    if model.rotation != "polar":
+    if not has_energy(model.rotation):
         raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")

@@ -15,7 +15,7 @@ from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
 from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
-from jaxfem.elements.mass import MASSES, MassKind
+from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
 from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
@@ -145,7 +145,7 @@ def _model(
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
         node_body=on_device(node_body, jnp.int32),
         free=jnp.asarray(free, dtype),
-        pattern=sparsity(points, domains, groups, dtype, None if mass == "lumped" else cells) if bodies else None,  # type: ignore[arg-type]
+        pattern=sparsity(points, domains, groups, dtype, None if is_diagonal(mass) else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
             load.entered(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),

@@ -12,6 +12,7 @@ from jaxfem.building.overlaps import warn_of_overlaps
 from jaxfem.building.row_groups import joint_parts
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.declared.scene import Scene, SoftBody
+from jaxfem.elements.mass import is_diagonal
 from jaxfem.model import Model, Params, State
 from jaxfem.schemes import BackwardEuler
 
@@ -56,7 +57,7 @@ def _size(model: Model) -> float:
 
 
 def _check(model: Model, rigid: bool) -> None:
-    if model.mass != "lumped":
+    if not is_diagonal(model.mass):
         raise SceneError(
             f'mass = "{model.mass}" is for soft bodies alone; rigid bodies, joints and contacts need "lumped"'
         )

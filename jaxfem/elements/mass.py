@@ -53,6 +53,11 @@ class SharedMass(Pytree):
         return sums[:, None, None] * jnp.eye(3, dtype=sums.dtype)
 
 
+def is_diagonal(kind: MassKind) -> bool:
+    """Whether the mass matrix ties no two nodes together."""
+    return consistent_share(kind) == 0
+
+
 def consistent_share(kind: MassKind) -> float:
     """How much of the mass matrix is consistent."""
     return {"lumped": 0.0, "averaged": 0.5, "consistent": 1.0}[kind]

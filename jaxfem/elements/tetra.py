@@ -14,6 +14,11 @@ Array = jax.Array
 RotationKind = Literal["polar", "gram_schmidt"]
 
 
+def has_energy(kind: RotationKind) -> bool:
+    """Whether the elastic forces of elements turned so have an energy: with the nearest rotation alone."""
+    return kind == "polar"
+
+
 class Elements(Pytree):
     """Tetrahedra of all bodies: `cells` (E, 4), `gradients` (4, 3, E) [1/m], `volumes` (E,) [m^3], `body` (E,)."""
 

@@ -9,7 +9,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.statistics import OPEN_CORRELATION, Uncertainty, ringing_frequency
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
-from jaxfem.materials.linear import DAMPING, POISSON
+from jaxfem.materials.linear import POISSON
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.model import Model, Params, element_stiffness
 
@@ -60,9 +60,10 @@ def _scheme_damping(
     model: Model, params: Params, unknowns: Unknowns, measured: Measurement, simulated: np.ndarray, dt: float
 ) -> list[str]:
     """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
-    if model.scheme.order > 1 or DAMPING not in unknowns.constants:
+    viscous = [each for each in unknowns.constants if each.viscous]
+    if model.scheme.order > 1 or not viscous:
         return []
-    damping = float(jnp.mean(params.constants[DAMPING.name]))
+    damping = float(jnp.mean(params.constants[viscous[0].name]))
     frequency = ringing_frequency(measured.times, simulated)
     if dt < 0.5 * damping or frequency == 0:
         return []

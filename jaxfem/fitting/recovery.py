@@ -29,7 +29,6 @@ from jaxfem.fitting.unknowns import (
     with_values,
 )
 from jaxfem.materials.constants import Constant
-from jaxfem.materials.linear import DAMPING
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping import check_call, typed
 
@@ -224,10 +223,12 @@ def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) ->
 def _less_numerical_damping(evaluator: Evaluator, z: np.ndarray) -> np.ndarray:
     """What larger backward Euler steps damped, handed to the material: a mode loses omega (beta + dt) / 2 in all."""
     unknown, plan = evaluator.unknowns, evaluator.plan
-    if DAMPING not in unknown.constants or evaluator.problem.model.scheme.order > 1:
+    if evaluator.problem.model.scheme.order > 1:
         return z
     values = unknown.values(z)
-    values[DAMPING.name] += float(evaluator.problem.dt) * (plan.every - 1)
+    for each in unknown.constants:
+        if each.viscous:
+            values[each.name] += float(evaluator.problem.dt) * (plan.every - 1)
     return unknown.unknown(values)
 
 

@@ -94,8 +94,9 @@ class Constant:
     that refuses others. Outside `plausible` a slip of units (MPa for Pa, percent for a share) is likelier than a
     material. `default`: None where a value must be given.
     Fits: `transform`; `bounds` where a user gives none: multiples of the start, or with `absolute` the values
-    themselves; `stiffness`: a body's stiffness is in proportion to it, and a fit scans over it; `doubt`: a value below
-    which a fit is warned, and why.
+    themselves; `stiffness`: a body's stiffness is in proportion to it, and a fit scans over it; `viscous`: it is a
+    time [s] of viscous stress, to which a time scheme's damping adds; `doubt`: a value below which a fit is warned, and
+    why.
     """
 
     name: str
@@ -111,6 +112,7 @@ class Constant:
     bounds: tuple[float, float] = (1e-3, 1e3)
     absolute: bool = False
     stiffness: bool = False
+    viscous: bool = False
     doubt: tuple[float, str] | None = None
 
     def __post_init__(self) -> None:

@@ -41,6 +41,7 @@ DAMPING = Constant(
     plausible=(0.0, 10.0),
     default=0.0,
     bounds=(1e-4, 1e4),
+    viscous=True,
 )
 
 

@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax
 
+from jaxfem.elements.mass import MassKind
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -35,7 +36,7 @@ class Facts(NamedTuple):
     soft: bool
     rigid: bool
     tied: bool
-    mass: str
+    mass: MassKind
     strains: tuple[str, ...]
     scheme: Scheme
 

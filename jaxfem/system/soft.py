@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.elasticity import viscoelastic_force
-from jaxfem.elements.mass import SharedMass
+from jaxfem.elements.mass import SharedMass, is_diagonal
 from jaxfem.elements.pattern import Pattern
 from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, shared_mass
@@ -102,7 +102,7 @@ def step_system(
         max_iterations=model.max_iterations,
         positions=jax.lax.stop_gradient(stage.base),
         shared_mass=shared_mass(model, params.density),
-        before=None if model.mass == "lumped" else jnp.where(free, stage.start, state.velocities),
+        before=None if is_diagonal(model.mass) else jnp.where(free, stage.start, state.velocities),
         impact=impact,
     )
 

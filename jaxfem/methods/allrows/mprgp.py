@@ -6,6 +6,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.mass import is_diagonal
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.allrows.rounds import with_friction
@@ -35,7 +36,7 @@ class Mprgp(RowMethod):
 
     def refuses(self, facts: Facts) -> str | None:
         """Masses that have no simple inverse."""
-        if facts.mass != "lumped":
+        if not is_diagonal(facts.mass):
             return f'needs the inverse of the masses, so mass = "lumped", not "{facts.mass}"'
         return None
 
