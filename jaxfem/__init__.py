@@ -11,6 +11,10 @@ from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.linear import Linear
+from jaxfem.materials.mooney_rivlin import MooneyRivlin
+from jaxfem.materials.neo_hookean import NeoHookean
+from jaxfem.materials.nonlinear import Nonlinear
+from jaxfem.materials.yeoh import Yeoh
 from jaxfem.mesh import MeshError, MeshWarning, TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
@@ -47,9 +51,12 @@ __all__ = [
     "MeshError",
     "MeshWarning",
     "Model",
+    "MooneyRivlin",
     "Motion",
     "Motor",
+    "NeoHookean",
     "NodalForce",
+    "Nonlinear",
     "OverlapWarning",
     "Params",
     "Plane",
@@ -74,6 +81,7 @@ __all__ = [
     "Traction",
     "TriangleMesh",
     "WeldJoint",
+    "Yeoh",
     "__version__",
     "build",
     "diagnose",
