@@ -10,10 +10,11 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_strains
+from jaxfem.elements.finite import LawMaterial, cauchy_stress
 from jaxfem.elements.tetra import deformation_gradient, rotation_of
 from jaxfem.model import Model, Params, State, element_constants
 from jaxfem.system.memory import domain_values, soon, step_materials
-from jaxfem.tensors import from_eigenbasis, product, transposed
+from jaxfem.tensors import Matrix3, from_eigenbasis, product, transposed
 
 Array = jax.Array
 
@@ -27,9 +28,11 @@ def tensors(model: Model, params: Params, state: State) -> dict[str, list[Array]
     "stress" [Pa], of the strain and what is remembered, without `damping`; "strain"; and what the laws tell of
     themselves, such as "plastic_strain" or "viscous_strain", zero in bodies that have none.
     """
-    strains = [jnp.stack(own) for own, _, _ in domain_strains(model.domains, state.positions, model.rotation)]
+    domains = domain_strains(model.domains, state.positions, model.rotation)
+    strains, turns = [jnp.stack(own) for own, _, _ in domains], [turn for _, turn, _ in domains]
     materials = step_materials(model, params, state, soon(model.rest.dtype))
-    stresses = [_stress(*each) for each in zip(model.domains, materials, strains, strict=True)]
+    known = zip(model.domains, materials, strains, turns, strict=True)
+    stresses = [_stress(*each, state.positions) for each in known]
     # Volumetric stress may be shared between two kinds of domains; the strain is the same on both.
     told = [each.part != "shared_volumetric" for each in model.domains]
     found = {"stress": _on_elements(model, stresses, [True] * len(told)), "strain": _on_elements(model, strains, told)}
@@ -64,7 +67,10 @@ def in_world(model: Model, state: State) -> Callable[[Sequence[Array]], Array]:
     return turned
 
 
-def _stress(domains: Domains, material: DomainMaterial, strain: Array) -> Array:
+def _stress(domains: Domains, material: DomainMaterial, strain: Array, rotation: Matrix3, positions: Array) -> Array:
+    """Rows of the stress that a kind of domains takes, (r, D) or (r, C); all six where the law is not linear."""
+    if isinstance(material, LawMaterial):
+        return cauchy_stress(domains, positions, material, rotation)
     known = material.from_rest(list(strain))
     return jnp.stack([w * row for w, row in zip(material.weights(domains), known, strict=True)])
 
@@ -75,13 +81,14 @@ def _on_elements(model: Model, parts: Sequence[Array], told: Sequence[bool]) -> 
     total = jnp.zeros((6, count), model.rest.dtype)
     for each, part, wanted in zip(model.domains, parts, told, strict=True):
         if wanted:
-            total = total.at[each.rows].add(_spread(each, part, count))
+            rows = each.rows if len(part) < len(total) else slice(None)
+            total = total.at[rows].add(_spread(each, part, count))
     return list(total)
 
 
 def _spread(domains: Domains, part: Array, count: int) -> Array:
     """Values (r, D) or (r, C) of a kind's domains as means on its elements, (r, E); zero on all others."""
-    if domains.clusters is not None:
+    if domains.clusters is not None and part.shape[1] != domains.volumes.shape[0]:
         part = part[:, domains.clusters.owner]
     if domains.members is None or domains.shares is None:
         return part
