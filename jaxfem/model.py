@@ -6,15 +6,14 @@ from typing import Any, NamedTuple, Protocol, Self
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
-from jaxfem.elements.finite import law_material
+from jaxfem.elements.domains import DomainMaterial, Domains
+from jaxfem.elements.finite import material_of
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diagonal
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
-from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import ranged, within
@@ -265,11 +264,7 @@ def element_constants(model: Model, params: Params) -> dict[str, Array]:
 def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:
     """Stiffness and damping of each kind of domains, without what materials remember."""
     values = element_constants(model, params)
-    plain = [domain_material(each, values) for each in model.domains]
-    return [
-        law_material(each, own, values) if is_nonlinear(each.law) else own
-        for each, own in zip(model.domains, plain, strict=True)
-    ]
+    return [material_of(each, values) for each in model.domains]
 
 
 def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
