@@ -14,6 +14,7 @@ from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import ranged, within
@@ -244,10 +245,9 @@ class StepInfo(Pytree):
 def per_element(model: Model, value: Array) -> Array:
     """A material value (scalar, one a body, or one an element) as one number an element, (E,)."""
     value = jnp.asarray(value)
-    elements = model.elements
     if value.ndim == 0 or value.shape == (1,):
-        return jnp.broadcast_to(value.reshape(()), (elements.count,))
-    return value if value.shape == (elements.count,) else value[elements.body]
+        return jnp.broadcast_to(value.reshape(()), (model.elements.count,))
+    return value if value.shape == (model.elements.count,) else value[model.elements.body]
 
 
 def elementwise(model: Model, value: Array) -> Array:
@@ -286,11 +286,10 @@ def nodal_mass(model: Model, density: Array) -> Array:
     density = jnp.asarray(density)
     if density.ndim == 0 or density.shape == (1,):
         return density.reshape(()) * model.nodal_volumes
-    elements = model.elements
-    if density.shape != (elements.count,):
+    if density.shape != (model.elements.count,):
         return density[model.node_body] * model.nodal_volumes
-    quarter = density * elements.volumes / 4
-    return jnp.zeros_like(model.nodal_volumes).at[elements.cells].add(quarter[:, None])
+    quarter = density * model.elements.volumes / 4
+    return jnp.zeros_like(model.nodal_volumes).at[model.elements.cells].add(quarter[:, None])
 
 
 def shared_mass(model: Model, density: Array) -> SharedMass | None:
