@@ -1,7 +1,7 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.building import AccuracyWarning, OverlapWarning, build
+from jaxfem.building import AccuracyWarning, OverlapWarning, build, rebuild
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
@@ -89,6 +89,7 @@ __all__ = [
     "modes",
     "prepare",
     "read_recording",
+    "rebuild",
     "rollout",
     "rotation",
     "scheme_damping",

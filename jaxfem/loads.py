@@ -23,9 +23,15 @@ class ResolvedLoad(Protocol):
     def force(self, value: Array, positions: Array) -> Array:
         """Nodal forces (n, 3) [N] of a value, at `positions` (n, 3)."""
 
+    def reshaped(self, rest: Array) -> "ResolvedLoad":
+        """The load on a body of other rest positions (n, 3) [m]; pure. Only `jf.rebuild` asks for it."""
+
 
 class WeightedForce(Pytree):
-    """Force on `nodes` (k,): `weights` (k,) times the value, (3,) or (k, 3). Dead: does not turn with the body."""
+    """Force on `nodes` (k,): `weights` (k,) times the value, (3,) or (k, 3). Dead: does not turn with the body.
+
+    The weights are shares that stay when the rest shape changes: a material point's, or one a node.
+    """
 
     symmetric: ClassVar[bool] = True
 
@@ -35,6 +41,20 @@ class WeightedForce(Pytree):
     def force(self, value: Array, positions: Array) -> Array:
         """Nodal forces (n, 3) [N]."""
         return jnp.zeros_like(positions).at[self.nodes].add(self.weights[:, None] * value)
+
+    def reshaped(self, rest: Array) -> "WeightedForce":
+        """The same shares."""
+        return self
+
+
+class AreaForce(WeightedForce):
+    """Force per undeformed area on faces: `nodes` (3 k,), their corners in turn, `weights` a third of each area."""
+
+    def reshaped(self, rest: Array) -> "AreaForce":
+        """The faces' new areas."""
+        a, b, c = (rest[self.nodes.reshape(-1, 3)[:, i]] for i in range(3))
+        area = 0.5 * jnp.linalg.norm(jnp.cross(b - a, c - a), axis=1)
+        return self.replace(weights=jnp.repeat(area / 3, 3))
 
 
 class FacePressure(Pytree):
@@ -50,6 +70,10 @@ class FacePressure(Pytree):
         area = 0.5 * jnp.cross(b - a, c - a)
         corner = jnp.broadcast_to((-value / 3 * area)[:, None], (*self.faces.shape, 3))
         return jnp.zeros_like(positions).at[self.faces].add(corner)
+
+    def reshaped(self, rest: Array) -> "FacePressure":
+        """The same: areas are those of the moment."""
+        return self
 
 
 def load_force(loads: Sequence[ResolvedLoad], values: Sequence[Array], positions: Array) -> Array:

@@ -144,7 +144,8 @@ class Model(Pytree):
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
-    holds, None where there is no such soft body.
+    holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it, from numbers that nothing on
+    the host has seen.
     """
 
     rest: Array
@@ -175,6 +176,16 @@ class Model(Pytree):
     islands: Array | None = None
     drifting: Drifting | None = None
     laws: tuple[Material, ...] = static(default=())
+    reshaped: bool = static(default=False)
+
+    def replace(self, **changes: Any) -> Self:
+        """The same with some fields changed; of `rest` alone nothing follows, so it is refused."""
+        if "rest" in changes and "elements" not in changes:
+            raise ValueError(
+                "Model.replace(rest=...) would change no volume, mass or strain, and have derivatives of zero: use "
+                "jaxfem.rebuild(model, rest), which makes all that comes of the rest shape"
+            )
+        return super().replace(**changes)
 
     @property
     def constants(self) -> dict[str, Constant]:

@@ -3,6 +3,7 @@
 from jaxfem.building.build import build
 from jaxfem.building.choose import ROTATION_UPDATES
 from jaxfem.building.overlaps import OverlapWarning
+from jaxfem.building.rebuild import rebuild
 from jaxfem.building.soft import AccuracyWarning
 
-__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "OverlapWarning", "build"]
+__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "OverlapWarning", "build", "rebuild"]

@@ -26,7 +26,8 @@ def refuse_traced(declared: Any) -> None:
                 f"{name} of a {kind} is a value inside jax.grad, jit or vmap. A scene is declared and built outside of "
                 "them, once, with plain numbers; what is differentiated or mapped over are `params` and the state that "
                 "build returns, changed inside: params.replace(young=...), state.replace(...); contacts' and joints' "
-                "numbers are in params.contacts and params.joints, planes, radii and offsets in model.contacts "
+                "numbers are in params.contacts and params.joints, planes, radii and offsets in model.contacts; other "
+                "places of nodes at rest: jaxfem.rebuild(model, rest) "
                 "(docs/derivatives.md)"
             )
 

@@ -7,7 +7,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.elements.tetra import shape_gradients
+from jaxfem.elements.barycentric import foot_weights
+from jaxfem.elements.reshaping import reshaped_elements
+from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.fitting.errors import FitError
 from jaxfem.mesh import TetMesh, locate
 from jaxfem.model import Model
@@ -15,6 +17,9 @@ from jaxfem.pytrees import Pytree, static
 from jaxfem.rotation import nearest_rotation
 
 Array = jax.Array
+
+NOTHING = 1e-9
+"""Weight below which a corner has no part in the surface point beneath a marker."""
 
 
 class Markers(Pytree):
@@ -31,6 +36,19 @@ class Markers(Pytree):
     def count(self) -> int:
         """Number of markers."""
         return self.cells.shape[0]
+
+    def reshaped(self, rest: Array, places: Array | None = None) -> "Markers":
+        """The markers on a body whose nodes are at `rest` (n, 3) [m], undeformed: they ride with their elements, or are
+        put at `places` (M, 3) [m] beside or in the same elements; pure, differentiable in both."""
+        corners = rest[self.cells]
+        gradients = _gradients(corners)
+        if places is None:
+            turn = nearest_rotation(jnp.einsum("mai,maj->mij", corners, self.gradients))
+            return self.replace(gradients=gradients, offsets=jnp.einsum("mij,mj->mi", turn, self.offsets))
+        weights = foot_weights(corners, places, jnp.abs(self.weights) > NOTHING)
+        outside = jnp.any(self.offsets != 0, axis=1, keepdims=True)
+        offsets = jnp.where(outside, places - jnp.einsum("ma,mai->mi", weights, corners), 0)
+        return self.replace(weights=weights, offsets=offsets, gradients=gradients)
 
 
 def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
@@ -81,6 +99,13 @@ def marker_positions(markers: Markers, positions: Array) -> Array:
     edges = corners[..., 1:, :] - corners[..., :1, :]
     deformation = jnp.einsum("...mai,maj->...mij", edges, markers.gradients[:, 1:])
     return beneath + jnp.einsum("...mij,mj->...mi", nearest_rotation(deformation), markers.offsets)
+
+
+def _gradients(corners: Array) -> Array:
+    """Gradients (M, 4, 3) of the shape functions of elements with `corners` (M, 4, 3)."""
+    cells = jnp.arange(corners.shape[0] * 4, dtype=jnp.int32).reshape(-1, 4)
+    empty = Elements(cells, jnp.zeros(0), jnp.zeros(0), jnp.zeros(0, jnp.int32))
+    return reshaped_elements(empty, corners.reshape(-1, 3)).gradients.transpose(2, 0, 1)
 
 
 def _geometry(body: TetMesh | Model) -> tuple[np.ndarray, np.ndarray]:

@@ -41,13 +41,28 @@ def counted(count: int, noun: str) -> str:
     return f"{count} {noun}" + ("" if count == 1 else "s")
 
 
+def refuse_traced(value: Any, what: str) -> None:
+    """MeshError for a value inside jax.grad, jit or vmap: meshes are checked on the host, with plain numbers."""
+    try:
+        np.asarray(value)
+    except TypeError as problem:
+        if "Tracer" in type(problem).__name__:  # JAX's, which this package does without
+            raise MeshError(
+                f"{what} is a value inside jax.grad, jit or vmap: make the mesh outside of them, with plain numbers, "
+                "and give what build returns other rest positions inside, jaxfem.rebuild(model, rest)"
+            ) from None
+        raise
+
+
 def is_positive(value: Any) -> bool:
-    """Whether a value is one finite number above zero."""
+    """Whether a value is one finite number above zero; MeshError for a traced one."""
+    refuse_traced(value, "the size given to a mesh")
     return np.ndim(value) == 0 and np.issubdtype(np.asarray(value).dtype, np.number) and bool(0 < value < np.inf)
 
 
 def as_points(points: Any, name: str) -> Floats:
     """A copy of the nodes as float64 (n, 3); MeshError names the first node that is not finite."""
+    refuse_traced(points, f'points of "{name}"')
     array = np.array(points, dtype=np.float64)
     if array.ndim != 2 or array.shape[1] != 3 or not len(array):
         raise MeshError(f'points of "{name}" have shape {array.shape}: give (n, 3), one row x, y, z a node')

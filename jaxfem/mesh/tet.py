@@ -162,6 +162,7 @@ class TetMesh:
 
     def translated(self, offset: Any) -> "TetMesh":
         """The mesh moved by offset (3,), m."""
+        checks.refuse_traced(offset, f'offset for "{self.name}"')
         shift = np.asarray(offset, dtype=np.float64)
         if shift.shape != (3,):
             raise MeshError(f'offset of shape {shift.shape} for "{self.name}": give three numbers')
@@ -169,6 +170,7 @@ class TetMesh:
 
     def rotated(self, matrix: Any) -> "TetMesh":
         """The mesh turned about the origin by a rotation matrix (3, 3); MeshError for any other matrix."""
+        checks.refuse_traced(matrix, f'the matrix to rotate "{self.name}"')
         turn = np.asarray(matrix, dtype=np.float64)
         if turn.shape != (3, 3) or not np.allclose(turn @ turn.T, np.eye(3), atol=1e-6) or np.linalg.det(turn) < 0:
             raise MeshError(

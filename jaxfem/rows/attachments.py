@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.barycentric import barycentric
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import skew
 
@@ -36,6 +37,14 @@ class Configuration(Pytree):
         return self.nodes.shape[0] + self.centers.shape[0] + body
 
 
+class Reshaping(Pytree):
+    """Rest positions `before` and `after` (n, 3) [m], and how rigid bodies stand at the start, `turns` (b, 3, 3)."""
+
+    before: Array
+    after: Array
+    turns: Array
+
+
 class Placed(Pytree):
     """Points in the world: `position` (m, 3), and their velocity as `jacobian` (m, 3, 3 k) on `triples` (m, k)."""
 
@@ -54,6 +63,12 @@ class Point(Protocol):
     def placed(self, at: Configuration) -> Placed:
         """Where they are."""
 
+    def drift(self, change: Reshaping) -> Array | None:
+        """How far (m, 3) [m] a new rest shape takes them; None where they are no part of one."""
+
+    def carried(self, by: Array, change: Reshaping) -> "Point":
+        """Points `by` (m, 3) [m] from where these were at the start, in the world."""
+
 
 class RigidPoint(Pytree):
     """Points fixed in rigid bodies: `body` (m,), `local` (m, 3) from the centre of mass in the body's frame."""
@@ -71,6 +86,13 @@ class RigidPoint(Pytree):
         """From the centre of mass to the point, in the world frame (m, 3)."""
         return jnp.einsum("mij,mj->mi", at.rotations[self.body], self.local)
 
+    def drift(self, change: Reshaping) -> None:
+        """They stay."""
+
+    def carried(self, by: Array, change: Reshaping) -> "RigidPoint":
+        """Other points of the same bodies."""
+        return self.replace(local=self.local + jnp.einsum("mji,mj->mi", change.turns[self.body], by))
+
 
 class SoftPoint(Pytree):
     """Points in soft bodies: weighted means of `nodes` (m, k), weights (m, k) of sum 1."""
@@ -86,6 +108,15 @@ class SoftPoint(Pytree):
         position = jnp.einsum("mk,mki->mi", self.weights, at.nodes[self.nodes])
         return Placed(position, self.nodes, spread.reshape(m, 3, 3 * k))
 
+    def drift(self, change: Reshaping) -> Array:
+        """They ride with their nodes."""
+        return jnp.einsum("mk,mki->mi", self.weights, (change.after - change.before)[self.nodes])
+
+    def carried(self, by: Array, change: Reshaping) -> "SoftPoint":
+        """Points of the same elements, k = 4; their weights in the new shape."""
+        places = jnp.einsum("mk,mki->mi", self.weights, change.before[self.nodes]) + by
+        return self.replace(weights=barycentric(change.after[self.nodes], places))
+
 
 class WorldPoint(Pytree):
     """Points at rest: `place` (m, 3)."""
@@ -97,6 +128,13 @@ class WorldPoint(Pytree):
         """No triple, no velocity."""
         m = self.place.shape[0]
         return Placed(self.place, jnp.zeros((m, 0), jnp.int32), jnp.zeros((m, 3, 0), self.place.dtype))
+
+    def drift(self, change: Reshaping) -> None:
+        """They stay."""
+
+    def carried(self, by: Array, change: Reshaping) -> "WorldPoint":
+        """Other places."""
+        return self.replace(place=self.place + by)
 
 
 def moving_with_body(at: Configuration, body: Array, position: Array) -> Placed:

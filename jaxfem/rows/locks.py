@@ -9,14 +9,23 @@ taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
 from dataclasses import field
-from typing import Any, Protocol, runtime_checkable
+from typing import Any, Protocol, Self, runtime_checkable
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
-from jaxfem.rows.attachments import Configuration, Frame, Placed, Point, RigidPoint, difference, relative_spin
+from jaxfem.rows.attachments import (
+    Configuration,
+    Frame,
+    Placed,
+    Point,
+    Reshaping,
+    RigidPoint,
+    difference,
+    relative_spin,
+)
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
 
@@ -63,6 +72,10 @@ class JointRows(Pytree):
         """Their rows; `at` is where the stage's `base` is."""
         raise NotImplementedError(f"{type(self).__name__} has no rows: define them")
 
+    def reshaped(self, change: Reshaping) -> Self:
+        """The same between bodies of a new rest shape: what it holds on to in soft bodies rides with their nodes."""
+        return self
+
 
 @runtime_checkable
 class Pulling(Protocol):
@@ -97,6 +110,14 @@ class PointLock(JointRows):
         """Gap: from a to b."""
         gap = difference(self.a.placed(at), self.b.placed(at))
         return spring_rows(gap.position, gap.triples, gap.jacobian, values, at, stage)
+
+    def reshaped(self, change: Reshaping) -> Self:
+        """The other end comes along with a soft one, so that the joint is closed at the start."""
+        if (by := self.a.drift(change)) is not None:
+            return self.replace(b=self.b.carried(by, change))
+        if (by := self.b.drift(change)) is not None:
+            return self.replace(a=self.a.carried(by, change))
+        return self
 
     def tension_stiffness(self, force: Array, at: Configuration) -> Array:
         """What its last forces (m, 3) [N] add to the angular mass of the bodies that it pulls on, (b, 3, 3)."""

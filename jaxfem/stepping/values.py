@@ -19,6 +19,12 @@ Array = jax.Array
 
 STEP = Range(low=0, open_low=True, advice="must be a positive time step in seconds")
 """Of `dt`."""
+UNDEFORMED = Range(
+    low=0,
+    open_low=True,
+    advice="must be positive: the rest positions given to rebuild turn an element inside out, or flat",
+)
+"""Of the volumes of elements at rest, where `rebuild` made them."""
 SMOOTH = Range(
     low=0,
     high=0,
@@ -74,7 +80,14 @@ def value_status(
 
     Not differentiated.
     """
-    looked_at = [("dt", dt, STEP), *ranges_of(state, "state"), *numbers_of(model, params), ("forces", forces, FINITE)]
+    shape = [("volumes of elements at rest", model.elements.volumes, UNDEFORMED)] if model.reshaped else []
+    looked_at = [
+        *shape,
+        ("dt", dt, STEP),
+        *ranges_of(state, "state"),
+        *numbers_of(model, params),
+        ("forces", forces, FINITE),
+    ]
     return _status([each for each in looked_at if each[1] is not None])
 
 

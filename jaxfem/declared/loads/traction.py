@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared.loads.base import Load, Loaded, surface_faces, weighted
-from jaxfem.loads import ResolvedLoad
+from jaxfem.loads import AreaForce, ResolvedLoad
 
 
 class Traction(Load, kind="traction"):
@@ -24,4 +24,5 @@ class Traction(Load, kind="traction"):
         self.checked(body, "traction", (3,))
         a, b, c = (body.mesh.points[faces[:, i]] for i in range(3))
         area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        return weighted(faces.ravel() + offset, np.repeat(area / 3, 3), dtype)
+        shares = weighted(faces.ravel() + offset, np.repeat(area / 3, 3), dtype)
+        return AreaForce(shares.nodes, shares.weights)
