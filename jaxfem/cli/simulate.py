@@ -41,7 +41,8 @@ def run(args: argparse.Namespace) -> int:
         state = with_account(model, params, state)
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     begun = time.perf_counter()
-    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors) as writer:
+    looks = {"scene": file.scene, "dt": file.dt, "fields": file.fields}
+    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, **looks) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun
     pictures = _plots(writer) if plots and writer.saved else []
@@ -84,7 +85,7 @@ def _plots(writer: FrameWriter) -> list[Path]:
     frames = [read_frame(writer.saved[i].path, writer.saved[i].time) for i in chosen]
     shapes = {f"t = {frame.time:.4g} s": frame.positions for frame in frames}
     surface = boundary_faces(frames[0].cells)[0]
-    rest = frames[0].positions - frames[0].displacement
+    rest = writer.model.rest
     made.append(plot_shapes(writer.folder / "shapes.png", surface, shapes, rest))
     moved = {name: path - path[0] for name, path in writer.paths.items()}
     if moved:

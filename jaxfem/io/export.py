@@ -6,7 +6,7 @@ import dataclasses
 import os
 import sys
 import xml.etree.ElementTree as ET
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -15,11 +15,12 @@ from xml.sax.saxutils import quoteattr
 import jax
 import numpy as np
 
-from jaxfem.declared.scene import SceneError
+from jaxfem.declared.scene import Scene, SceneError
 from jaxfem.energies import energies
 from jaxfem.io.fields import FIELDS, computed
+from jaxfem.io.parts import PARTS, Part, Shown, surfaces
 from jaxfem.mesh import locate
-from jaxfem.mesh.formats.foreign import read_fields, write_foreign
+from jaxfem.mesh.formats.foreign import read_block, write_foreign
 from jaxfem.model import Model, Params, State
 
 SHORT = 500  # frames that an index lists before it is rewritten less often
@@ -32,12 +33,14 @@ class Frame:
     too: `displacement` [m] and `velocity` [m/s] (n, 3), of each element (E,) its `body` (number in the scene) and
     `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`; of laws with a memory von Mises
     values of what they remember, like `von_mises_plastic_strain`; where a run asks for them the tensors `stress` [Pa],
-    `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes."""
+    `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes. `parts`: what else there is to
+    see, by the names of `jaxfem.io.parts`."""
 
     time: float
     positions: np.ndarray
     cells: np.ndarray
     fields: dict[str, np.ndarray]
+    parts: dict[str, Part] = dataclasses.field(default_factory=dict)
 
     def __getattr__(self, name: str) -> np.ndarray:  # only for what is no attribute of its own
         fields: dict[str, np.ndarray] = vars(self).get("fields", {})
@@ -47,10 +50,11 @@ class Frame:
 
 
 class Saved(NamedTuple):
-    """What stays in memory of a frame: `time` [s], its `path`, `energies` [J], tracked `places` (q, 3) [m]."""
+    """What stays in memory of a frame: `time` [s], its `path` and `parts`, `energies` [J], tracked `places` (q, 3)."""
 
     time: float
     path: Path
+    parts: dict[str, Path]
     energies: dict[str, float]
     places: np.ndarray
 
@@ -62,9 +66,12 @@ class FrameWriter:
     second, and so on, or a long run would do little else) and at the end; frames/NAME_00000.vtu and so on,
     with the nodes where they are at that time; energies.csv [J]; points.csv, the paths of `points` (name -> (3,) [m], a
     material point of the undeformed bodies); rigid.csv, the poses of rigid bodies (place of the centre of mass, unit
-    quaternion). Frames of rigid bodies alone hold a vertex for each. Frames of an earlier run of that name are removed.
-    `tensors`: whether frames hold stress and strain as tensors. energies.csv has what the states' account books too.
-    SceneError for a point outside every body.
+    quaternion). Frames of rigid bodies alone hold a vertex for each. Beside each frame, listed with it, are its parts,
+    frames/NAME_00000_contacts.vtu and so on: joints, contacts, loads, tracked points, embedded surfaces and, where the
+    `scene` is given, the surfaces of rigid bodies and ground; forces in them where the time step `dt` [s] is.
+    `tensors`: whether frames hold stress and strain as tensors; `fields`: names of those that they hold, all without
+    it. energies.csv has what the states' account books too. Frames of an earlier run of that name are removed.
+    SceneError for a point outside every body or an unknown field.
     """
 
     def __init__(
@@ -75,19 +82,27 @@ class FrameWriter:
         params: Params,
         points: Mapping[str, Any] | None = None,
         tensors: bool = False,
+        *,
+        scene: Scene | None = None,
+        dt: float | None = None,
+        fields: Sequence[str] | None = None,
     ) -> None:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
         self.tensors = tensors
         self.points = _Tracked(model, dict(points or {}))
+        self.fields = None if fields is None else tuple(fields)
+        self.shown = Shown(model, params, *surfaces(scene, model), dt)
         self.saved: list[Saved] = []
+        self._last: dict[str, tuple[np.ndarray, Path]] = {}
         self._open = contextlib.ExitStack()
 
     def __enter__(self) -> "FrameWriter":
         frames = self.folder / "frames"
         frames.mkdir(parents=True, exist_ok=True)
         for old in frames.glob(f"{self.name}_*.vtu"):
-            if old.stem[len(self.name) + 1 :].isdigit():
+            number, _, part = old.stem[len(self.name) + 1 :].partition("_")
+            if number.isdigit() and (not part or part in PARTS):
                 old.unlink()
         self._energy_row: Callable[[list[float]], None] | None = None  # its columns are the first state's
         self._point_row = None
@@ -108,7 +123,7 @@ class FrameWriter:
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
-        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS), self.tensors)
+        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS), self.tensors, self.fields)
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
             poses = np.concatenate([np.asarray(state.rigid.positions), np.asarray(state.rigid.orientations)], 1)
@@ -117,8 +132,10 @@ class FrameWriter:
         mesh = _frame_mesh(self.model, state, {name: np.asarray(each) for name, each in fields.items()})
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
-        row = {kind: float(value) for kind, value in energy.kinds.items()}
-        self.saved.append(Saved(time, path, row, self.points.at(positions)))
+        row, places = {kind: float(value) for kind, value in energy.kinds.items()}, self.points.at(positions)
+        parts = {name: made for name, make in PARTS.items() if (made := make(self.shown, state, places)) is not None}
+        paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
+        self.saved.append(Saved(time, path, paths, row, places))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
             self._write_index()
         if self._energy_row is None:
@@ -126,6 +143,16 @@ class FrameWriter:
         self._energy_row([time, *row.values()])
         if self._point_row is not None:
             self._point_row([time, *self.saved[-1].places.ravel()])
+        return path
+
+    def _part_file(self, frame: Path, name: str, part: Part) -> Path:
+        """Write a part beside its frame; one that stands still, the very points of the last, is in its file already."""
+        if name in self._last and self._last[name][0] is part.points:
+            return self._last[name][1]
+        path = frame.with_name(f"{frame.stem}_{name}.vtu")
+        with replaced(path) as temporary:
+            _write_part(temporary, part)
+        self._last[name] = part.points, path
         return path
 
     @property
@@ -151,9 +178,12 @@ class FrameWriter:
         return [self.index, *(self.folder / name for name in tables)]
 
     def _write_index(self) -> None:
+        number = {name: place for place, name in enumerate(("bodies", *PARTS))}
         lines = [
-            f'    <DataSet timestep="{time:.9g}" part="0" file={quoteattr(path.relative_to(self.folder).as_posix())}/>'
-            for time, path, *_ in self.saved
+            f'    <DataSet timestep="{frame.time:.9g}" part="{number[name]}" name="{name}" '
+            f"file={quoteattr(path.relative_to(self.folder).as_posix())}/>"
+            for frame in self.saved
+            for name, path in {"bodies": frame.path, **frame.parts}.items()
         ]
         order = "LittleEndian" if sys.byteorder == "little" else "BigEndian"
         head = f'<?xml version="1.0"?>\n<VTKFile type="Collection" version="1.0" byte_order="{order}">\n  <Collection>'
@@ -171,6 +201,12 @@ class FrameWriter:
 
         add(columns)
         return add
+
+
+def _write_part(path: Path, part: Part) -> None:
+    cellwise = {name: [np.asarray(value)] for name, value in part.cellwise.items()}
+    nodal = {name: np.asarray(value) for name, value in part.nodal.items()}
+    write_foreign(path, np.asarray(part.points), [(part.kind, part.cells)], nodal, cellwise, file_format="vtu")
 
 
 def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> tuple[Any, Any, Any, Any]:
@@ -216,12 +252,12 @@ class _Tracked:
         return places
 
 
-@partial(jax.jit, static_argnames=("names", "whole"))
+@partial(jax.jit, static_argnames=("names", "whole", "asked"))
 def _computed(
-    model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool
+    model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool, asked: tuple[str, ...] | None
 ) -> tuple[dict[str, Any], Any]:
-    """All fields and the energies of a frame; `names`: of the fields, since a later one has to be compiled too."""
-    return computed(model, params, state, whole), energies(model, params, state)
+    """Fields `asked` for and the energies of a frame; `names`: of all fields, since a later one has to be compiled too."""
+    return computed(model, params, state, whole, asked), energies(model, params, state)
 
 
 @contextlib.contextmanager
@@ -241,16 +277,27 @@ def read_frames(index: Any) -> list[Frame]:
     index = Path(index)
     if not index.is_file():
         raise FileNotFoundError(f"no index of frames {index}: give the .pvd file that a run wrote")
-    entries = ET.parse(index).getroot().iter("DataSet")
-    return [read_frame(index.parent / entry.attrib["file"], float(entry.attrib["timestep"])) for entry in entries]
+    frames: list[Frame] = []
+    for entry in ET.parse(index).getroot().iter("DataSet"):
+        path, name = index.parent / entry.attrib["file"], entry.attrib.get("name", "bodies")
+        if entry.attrib.get("part", "0") == "0":
+            frames.append(read_frame(path, float(entry.attrib["timestep"])))
+        else:
+            frames[-1].parts[name] = _read_part(path)
+    return frames
 
 
 def read_frame(path: Any, time: float = 0.0) -> Frame:
     """One VTU frame; `time` [s] is not in the file but in the index."""
     if not Path(path).is_file():
         raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
-    points, cells, nodal, elementwise = read_fields(path)
+    points, _, cells, nodal, elementwise = read_block(path)
     return Frame(time, points, cells, {**nodal, **elementwise})
+
+
+def _read_part(path: Path) -> Part:
+    points, kind, cells, nodal, cellwise = read_block(path)
+    return Part(points, kind, cells, nodal, cellwise)
 
 
 def _listed(place: np.ndarray) -> str:

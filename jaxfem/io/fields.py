@@ -1,12 +1,13 @@
 """What the frames of soft bodies hold, one entry a field; a new one registers itself with `@frame_field(...)`."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.declared.errors import SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.system.inside import in_world, tensors, von_mises
 
@@ -88,14 +89,27 @@ def inside(model: Model, params: Params, state: State, whole: bool) -> dict[str,
     return values | ({name: turned(each) for name, each in found.items()} if whole else {})
 
 
-def computed(model: Model, params: Params, state: State, whole: bool = False) -> dict[str, Any]:
-    """All fields of a frame by name; `whole`: with tensors. ValueError where one has no entry a node or element."""
+def computed(
+    model: Model, params: Params, state: State, whole: bool = False, asked: Sequence[str] | None = None
+) -> dict[str, Any]:
+    """Fields of a frame by name, those `asked` for or all; `whole`: with tensors, which may be asked for too.
+
+    ValueError where one has no entry a node or element, SceneError for a name that is none.
+    """
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
-    for name, field in FIELDS.items():
+    for name in FIELDS if asked is None else [name for name in FIELDS if name in asked]:
+        field = FIELDS[name]
         found[name] = jnp.asarray(field.compute(model, params, state))
         if found[name].shape[:1] != (counts[field.on],):
             raise ValueError(
                 f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '
                 f"{counts[field.on]} {field.on}s"
             )
-    return found | inside(model, params, state, whole)
+    if asked is None:
+        return found | inside(model, params, state, whole)
+    others = [name for name in asked if name not in FIELDS]
+    within = inside(model, params, state, True) if others else {}
+    for name in others:
+        if name not in within:
+            raise SceneError(f'frames have no field "{name}"; known: {", ".join((*FIELDS, *within))}')
+    return found | {name: within[name] for name in others}

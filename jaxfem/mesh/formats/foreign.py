@@ -100,13 +100,15 @@ def write_foreign(
     meshio.write(path, mesh, **options)
 
 
-def read_fields(path: Path) -> tuple[Any, Any, dict[str, Any], dict[str, Any]]:
-    """Points, cells of the first block, and values of points and of these cells, of a file."""
+def read_block(path: Path) -> tuple[Any, str, Any, dict[str, Any], dict[str, Any]]:
+    """Points, kind and cells of the first block, and values of points and of these cells, of a file."""
     import meshio
 
     raw = meshio.read(path)
     cells = {name: values[0] for name, values in raw.cell_data.items()}
-    return raw.points, raw.cells[0].data, dict(raw.point_data), cells
+    if not raw.cells:
+        return raw.points, "vertex", np.zeros((0, 1), int), dict(raw.point_data), cells
+    return raw.points, raw.cells[0].type, raw.cells[0].data, dict(raw.point_data), cells
 
 
 def quietly(action: Callable[[], Any], verb: str, path: Path) -> Any:

@@ -19,6 +19,7 @@ import numpy as np
 from jaxfem.inputs import Sources, TableLike, inputs_of, read_fields
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
+from jaxfem.rigid.shapes.outline import Outline, block, level_surface
 
 Array = jax.Array
 MassProperties = tuple[float, np.ndarray, np.ndarray]
@@ -101,6 +102,19 @@ class Shape(Pytree):
         along = [(ends + side * swept[:, None, None]).reshape(-1, 3) for side in (-1, 1)]
         reach = np.linalg.norm(rims[:, 1:], axis=1)
         return np.concatenate([*around, *along, rims[:, 0] - reach, rims[:, 0] + reach])
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """Triangles to look at, in the shape's frame, within a `box` (2, 3) [m] where the shape is endless: where its
+        distance is 0, or its bounding box where it has none."""
+        if self.is_solid():
+            extent = self.extent()
+            if not len(extent):
+                return np.zeros((0, 3)), np.zeros((0, 3), int)
+            box = np.stack([extent.min(0), extent.max(0)])
+            if not self.is_obstacle():
+                return block(*box)
+            box = box + 0.05 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
+        return level_surface(self.distance, box)
 
     def thickness(self) -> float:
         """How wide [m] the gap between two points is through which it could slip at least, as its bounding box says;

@@ -12,6 +12,7 @@ from jaxfem.inputs import Direction, Grid, Vector, takes
 from jaxfem.pytrees import static
 from jaxfem.rigid.shapes.base import Shape
 from jaxfem.rigid.shapes.bumps import LEVEL, NearFaces, creases, ridge_points, ridges
+from jaxfem.rigid.shapes.outline import Outline, gridded
 
 Array = jax.Array
 
@@ -27,6 +28,16 @@ class Plane(Shape, word="plane", leading="normal"):
         """Signed distance of a point (3,) [m]."""
         normal = jnp.asarray(self.normal)
         return jnp.vdot(point - jnp.asarray(self.point), normal / jnp.linalg.norm(normal))
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """A square under the middle of the box, as wide as that is long."""
+        normal = np.asarray(self.normal, float) / np.linalg.norm(self.normal)
+        middle = box.mean(0) - normal * (normal @ (box.mean(0) - np.asarray(self.point, float)))
+        first = np.cross(np.eye(3)[np.argmin(np.abs(normal))], normal)
+        first /= np.linalg.norm(first)
+        along = np.linspace(-0.5, 0.5, 2) * np.linalg.norm(np.ptp(box, axis=0))
+        across = np.cross(normal, first)
+        return gridded(middle + along[:, None, None] * first + along[None, :, None] * across)
 
 
 class HeightField(Shape, word="heights"):
@@ -66,6 +77,12 @@ class HeightField(Shape, word="heights"):
     def thickness(self) -> float:
         """The spacing where it is not even."""
         return float(np.min(self.spacing)) if len(self.features()[1]) else np.inf
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """Its grid."""
+        heights = np.asarray(self.heights, float)
+        axes = [o + s * np.arange(n) for o, s, n in zip(self.origin, self.spacing, heights.shape, strict=True)]
+        return gridded(np.stack([*np.meshgrid(*axes, indexing="ij"), heights], -1))
 
     def ground(self, place: Array) -> tuple[Array, Array]:
         """Height [m] and slope (2,) at a place (2,) [m]."""

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.inputs import Number, Vector, takes
 from jaxfem.rigid.shapes.base import MassProperties, Shape, length, outside, within
+from jaxfem.rigid.shapes.outline import Outline, block, revolved
 
 Array = jax.Array
 LENGTH = Number("m", positive=True)
@@ -33,6 +34,11 @@ class Sphere(Shape, word="sphere"):
     def features(self) -> tuple[np.ndarray, np.ndarray]:
         """Its centre, with its radius."""
         return np.zeros((1, 3)), np.array([float(self.radius)])
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """Rings from pole to pole."""
+        turn = np.linspace(-np.pi / 2, np.pi / 2, 17)
+        return revolved(float(self.radius) * np.cos(turn), float(self.radius) * np.sin(turn))
 
 
 class Box(Shape, word="box"):
@@ -66,6 +72,10 @@ class Box(Shape, word="box"):
         """Halves of its size."""
         return np.asarray(self.size, float) / 2
 
+    def outline(self, box: np.ndarray) -> Outline:
+        """Its faces."""
+        return block(-self.edges(), self.edges())
+
 
 class Capsule(Shape, word="capsule"):
     """A cylinder with round caps, along z: `length` [m] between the centres of the caps, `radius` [m]."""
@@ -97,6 +107,12 @@ class Capsule(Shape, word="capsule"):
         """Its axis, with the ball between."""
         return _axis(self.length)[None], np.array([float(self.radius)])
 
+    def outline(self, box: np.ndarray) -> Outline:
+        """Two halves of a ball, and the side between."""
+        turn, r, half = np.linspace(-np.pi / 2, 0, 9), float(self.radius), float(self.length) / 2
+        low = r * np.cos(turn), r * np.sin(turn) - half
+        return revolved(np.concatenate([low[0], low[0][::-1]]), np.concatenate([low[1], -low[1][::-1]]))
+
 
 class Cylinder(Shape, word="cylinder"):
     """A cylinder along z: `radius` and `length` [m]."""
@@ -126,6 +142,11 @@ class Cylinder(Shape, word="cylinder"):
         """Both rims."""
         r = float(self.radius)
         return np.array([[end, (r, 0, 0), (0, r, 0)] for end in _axis(self.length)])
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """Side and ends."""
+        half = float(self.length) / 2
+        return revolved([float(self.radius)] * 2, [-half, half])
 
 
 def _axis(length: Any) -> np.ndarray:

@@ -10,6 +10,7 @@ from jaxfem.inputs import SURFACE_KEYS, Sources, TableLike
 from jaxfem.mesh import MeshError
 from jaxfem.rigid.shapes.base import MassProperties, Shape
 from jaxfem.rigid.shapes.nearest import NearestTriangles, nearest_triangles
+from jaxfem.rigid.shapes.outline import Outline
 
 Array = jax.Array
 
@@ -53,6 +54,10 @@ class TriangleMesh(Shape, word="file"):
         points, triangles = numbered_triangles(self.points, self.triangles)
         ends = points[sharp_edges(points, triangles)]
         return ends, np.zeros(len(ends))
+
+    def outline(self, box: np.ndarray) -> Outline:
+        """The surface itself."""
+        return numbered_triangles(self.points, self.triangles)
 
     @classmethod
     def keys(cls) -> tuple[str, ...]:
