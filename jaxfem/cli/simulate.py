@@ -41,7 +41,7 @@ def run(args: argparse.Namespace) -> int:
         state = with_account(model, params, state)
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     begun = time.perf_counter()
-    looks = {"scene": file.scene, "dt": file.dt, "fields": file.fields}
+    looks: dict[str, Any] = {"scene": file.scene, "dt": file.dt, "fields": file.fields}
     with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, **looks) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun

@@ -15,16 +15,15 @@ from xml.sax.saxutils import quoteattr
 import jax
 import numpy as np
 
-from jaxfem.declared.scene import Scene, SceneError
+from jaxfem.declared.scene import Scene
 from jaxfem.energies import energies
 from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
-from jaxfem.mesh import locate
+from jaxfem.io.tracked import Tracked
 from jaxfem.mesh.formats.foreign import read_block, write_foreign
 from jaxfem.model import Model, Params, State
 
 SHORT = 500  # frames that an index lists before it is rewritten less often
-OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the mesh
 
 
 @dataclasses.dataclass(frozen=True)
@@ -90,7 +89,7 @@ class FrameWriter:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
         self.tensors = tensors
-        self.points = _Tracked(model, dict(points or {}))
+        self.points = Tracked(model, dict(points or {}))
         self.fields = None if fields is None else tuple(fields)
         self.shown = Shown(model, params, *surfaces(scene, model), dt)
         self.saved: list[Saved] = []
@@ -224,39 +223,11 @@ def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> tu
     return np.asarray(state.positions), cells, nodal, elementwise
 
 
-class _Tracked:
-    """Material points by their element's nodes and weights."""
-
-    def __init__(self, model: Model, points: dict[str, Any]):
-        self.names = tuple(points)
-        rest, cells = np.asarray(model.rest, np.float64), np.asarray(model.elements.cells, np.int64)
-        places = np.array([np.asarray(points[name], float) for name in self.names]).reshape(-1, 3)
-        if not len(cells) and self.names:
-            raise SceneError(f'the tracked point "{self.names[0]}" needs a soft body; rigid.csv has the rigid bodies')
-        if not self.names:
-            self.nodes, self.weights = np.zeros((0, 4), np.int64), np.zeros((0, 4))
-            return
-        elements, self.weights, distance = locate(rest, cells, places)
-        self.nodes = cells[elements]
-        near = self.at(rest)
-        for name, place, off, closest in zip(self.names, places, distance, near, strict=True):
-            if off > OUTSIDE * np.ptp(rest, axis=0).max():
-                raise SceneError(
-                    f'the tracked point "{name}" at {_listed(place)} lies {off:.3g} m outside the bodies: the nearest '
-                    f"point of their mesh is {_listed(closest)}"
-                )
-
-    def at(self, positions: np.ndarray) -> np.ndarray:
-        """Where the points (q, 3) are when the nodes are at `positions` (n, 3)."""
-        places: np.ndarray = np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
-        return places
-
-
 @partial(jax.jit, static_argnames=("names", "whole", "asked"))
 def _computed(
     model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool, asked: tuple[str, ...] | None
 ) -> tuple[dict[str, Any], Any]:
-    """Fields `asked` for and the energies of a frame; `names`: of all fields, since a later one has to be compiled too."""
+    """Fields `asked` for and the energies of a frame; `names`: of all, since a later one is compiled too."""
     return computed(model, params, state, whole, asked), energies(model, params, state)
 
 
@@ -298,7 +269,3 @@ def read_frame(path: Any, time: float = 0.0) -> Frame:
 def _read_part(path: Path) -> Part:
     points, kind, cells, nodal, cellwise = read_block(path)
     return Part(points, kind, cells, nodal, cellwise)
-
-
-def _listed(place: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value:.6g}" for value in place) + "]"
