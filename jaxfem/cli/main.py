@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jaxfem
-from jaxfem.cli import bench, demo, fit, mesh_info, recording_info, simulate
+from jaxfem.cli import bench, demo, fit, mesh_info, recording_info, simulate, view
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
 from jaxfem.io.plots import PlotError
@@ -23,7 +23,7 @@ from jaxfem.io.scene_files import SceneFileError
 from jaxfem.materials.constants import MaterialError
 from jaxfem.mesh import MeshError, MeshWarning
 
-COMMANDS: tuple[Any, ...] = (simulate, fit, demo, bench, mesh_info, recording_info)
+COMMANDS: tuple[Any, ...] = (simulate, view, fit, demo, bench, mesh_info, recording_info)
 OWN_WARNINGS = (jaxfem.AccuracyWarning, MeshWarning)
 USER_ERRORS = (
     SceneFileError,

@@ -41,8 +41,8 @@ def run(args: argparse.Namespace) -> int:
         state = with_account(model, params, state)
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     begun = time.perf_counter()
-    shown = folder, file.source.stem, model, params, file.points, file.tensors
-    with FrameWriter(*shown, scene=file.scene, dt=file.dt, fields=file.fields) as writer:
+    looks: dict[str, Any] = {"scene": file.scene, "dt": file.dt, "fields": file.fields}
+    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, **looks) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun
     pictures = _plots(writer) if plots and writer.saved else []

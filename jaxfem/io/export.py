@@ -15,16 +15,15 @@ from xml.sax.saxutils import quoteattr
 import jax
 import numpy as np
 
-from jaxfem.declared.scene import Scene, SceneError
+from jaxfem.declared.scene import Scene
 from jaxfem.energies import energies
-from jaxfem.io.fields import FIELDS, chosen_fields, computed
+from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
-from jaxfem.mesh import locate
+from jaxfem.io.tracked import Tracked
 from jaxfem.mesh.formats.foreign import read_block, write_foreign
 from jaxfem.model import Model, Params, State
 
 SHORT = 500  # frames that an index lists before it is rewritten less often
-OUTSIDE = 1e-6  # of the bodies' size: how far a tracked point may lie off the mesh
 
 
 @dataclasses.dataclass(frozen=True)
@@ -68,9 +67,9 @@ class FrameWriter:
     material point of the undeformed bodies); rigid.csv, the poses of rigid bodies (place of the centre of mass, unit
     quaternion). Frames of rigid bodies alone hold a vertex for each. Beside each frame, listed with it, are its parts,
     frames/NAME_00000_contacts.vtu and so on: joints, contacts, loads, tracked points, embedded surfaces and, where the
-    `scene` is given, the surfaces of rigid bodies and ground; forces in them where the time step `dt` [s] is. `fields`:
-    names of those that frames hold, all without it; `tensors`: whether they hold stress and strain as tensors too.
-    energies.csv has what the states' account books as well. Frames of an earlier run of that name are removed.
+    `scene` is given, the surfaces of rigid bodies and ground; forces in them where the time step `dt` [s] is.
+    `tensors`: whether frames hold stress and strain as tensors; `fields`: names of those that they hold, all without
+    it. energies.csv has what the states' account books too. Frames of an earlier run of that name are removed.
     SceneError for a point outside every body or an unknown field.
     """
 
@@ -89,8 +88,9 @@ class FrameWriter:
     ) -> None:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
-        self.points = _Tracked(model, dict(points or {}))
-        self.fields, self.whole = chosen_fields(fields), tensors if tensors or fields is None else None
+        self.tensors = tensors
+        self.points = Tracked(model, dict(points or {}))
+        self.fields = None if fields is None else tuple(fields)
         self.shown = Shown(model, params, *surfaces(scene, model), dt)
         self.saved: list[Saved] = []
         self._last: dict[str, tuple[np.ndarray, Path]] = {}
@@ -122,7 +122,7 @@ class FrameWriter:
 
     def write(self, state: State) -> Path:
         """Write one frame of the state and a row of each table; returns the frame's path."""
-        fields, energy = _computed(self.model, self.params, state, self.fields, self.whole)
+        fields, energy = _computed(self.model, self.params, state, tuple(FIELDS), self.tensors, self.fields)
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
             poses = np.concatenate([np.asarray(state.rigid.positions), np.asarray(state.rigid.orientations)], 1)
@@ -223,38 +223,12 @@ def _frame_mesh(model: Model, state: State, fields: dict[str, np.ndarray]) -> tu
     return np.asarray(state.positions), cells, nodal, elementwise
 
 
-class _Tracked:
-    """Material points by their element's nodes and weights."""
-
-    def __init__(self, model: Model, points: dict[str, Any]):
-        self.names = tuple(points)
-        rest, cells = np.asarray(model.rest, np.float64), np.asarray(model.elements.cells, np.int64)
-        places = np.array([np.asarray(points[name], float) for name in self.names]).reshape(-1, 3)
-        if not len(cells) and self.names:
-            raise SceneError(f'the tracked point "{self.names[0]}" needs a soft body; rigid.csv has the rigid bodies')
-        if not self.names:
-            self.nodes, self.weights = np.zeros((0, 4), np.int64), np.zeros((0, 4))
-            return
-        elements, self.weights, distance = locate(rest, cells, places)
-        self.nodes = cells[elements]
-        near = self.at(rest)
-        for name, place, off, closest in zip(self.names, places, distance, near, strict=True):
-            if off > OUTSIDE * np.ptp(rest, axis=0).max():
-                raise SceneError(
-                    f'the tracked point "{name}" at {_listed(place)} lies {off:.3g} m outside the bodies: the nearest '
-                    f"point of their mesh is {_listed(closest)}"
-                )
-
-    def at(self, positions: np.ndarray) -> np.ndarray:
-        """Where the points (q, 3) are when the nodes are at `positions` (n, 3)."""
-        places: np.ndarray = np.einsum("qa,qai->qi", self.weights, positions[self.nodes])
-        return places
-
-
-@partial(jax.jit, static_argnames=("names", "whole"))
-def _computed(model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool | None) -> Any:
-    """All fields and the energies of a frame; `names`: of the fields, since a later one has to be compiled too."""
-    return computed(model, params, state, names, whole), energies(model, params, state)
+@partial(jax.jit, static_argnames=("names", "whole", "asked"))
+def _computed(
+    model: Model, params: Params, state: State, names: tuple[str, ...], whole: bool, asked: tuple[str, ...] | None
+) -> tuple[dict[str, Any], Any]:
+    """Fields `asked` for and the energies of a frame; `names`: of all, since a later one is compiled too."""
+    return computed(model, params, state, whole, asked), energies(model, params, state)
 
 
 @contextlib.contextmanager
@@ -280,7 +254,7 @@ def read_frames(index: Any) -> list[Frame]:
         if entry.attrib.get("part", "0") == "0":
             frames.append(read_frame(path, float(entry.attrib["timestep"])))
         else:
-            frames[-1].parts[name] = Part(*read_block(path))
+            frames[-1].parts[name] = _read_part(path)
     return frames
 
 
@@ -292,5 +266,6 @@ def read_frame(path: Any, time: float = 0.0) -> Frame:
     return Frame(time, points, cells, {**nodal, **elementwise})
 
 
-def _listed(place: np.ndarray) -> str:
-    return "[" + ", ".join(f"{value:.6g}" for value in place) + "]"
+def _read_part(path: Path) -> Part:
+    points, kind, cells, nodal, cellwise = read_block(path)
+    return Part(points, kind, cells, nodal, cellwise)

@@ -89,23 +89,15 @@ def inside(model: Model, params: Params, state: State, whole: bool) -> dict[str,
     return values | ({name: turned(each) for name, each in found.items()} if whole else {})
 
 
-def chosen_fields(names: Sequence[str] | None) -> tuple[str, ...]:
-    """The fields of these names, all of them where None is given. SceneError for an unknown name."""
-    for name in names or ():
-        if name not in FIELDS:
-            raise SceneError(f'frames have no field "{name}"; known: {", ".join(FIELDS)}')
-    return tuple(FIELDS) if names is None else tuple(dict.fromkeys(names))
-
-
 def computed(
-    model: Model, params: Params, state: State, names: Sequence[str] | None = None, whole: bool | None = False
+    model: Model, params: Params, state: State, whole: bool = False, asked: Sequence[str] | None = None
 ) -> dict[str, Any]:
-    """Fields of a frame by name, all without `names`, and those of `inside`; `whole`: with tensors, None: neither.
+    """Fields of a frame by name, those `asked` for or all; `whole`: with tensors, which may be asked for too.
 
-    ValueError where one does not have an entry a node or element.
+    ValueError where one has no entry a node or element, SceneError for a name that is none.
     """
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
-    for name in FIELDS if names is None else names:
+    for name in FIELDS if asked is None else [name for name in FIELDS if name in asked]:
         field = FIELDS[name]
         found[name] = jnp.asarray(field.compute(model, params, state))
         if found[name].shape[:1] != (counts[field.on],):
@@ -113,4 +105,11 @@ def computed(
                 f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '
                 f"{counts[field.on]} {field.on}s"
             )
-    return found if whole is None else found | inside(model, params, state, whole)
+    if asked is None:
+        return found | inside(model, params, state, whole)
+    others = [name for name in asked if name not in FIELDS]
+    within = inside(model, params, state, True) if others else {}
+    for name in others:
+        if name not in within:
+            raise SceneError(f'frames have no field "{name}"; known: {", ".join((*FIELDS, *within))}')
+    return found | {name: within[name] for name in others}

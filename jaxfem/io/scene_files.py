@@ -8,7 +8,7 @@ from typing import Any
 from jaxfem.building import ROTATION_UPDATES, build
 from jaxfem.declared.scene import Scene
 from jaxfem.elements.mass import MASSES, MassKind
-from jaxfem.io.fields import FIELDS, chosen_fields
+from jaxfem.io.fields import FIELDS
 from jaxfem.io.scene_bodies import body_keys, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
@@ -23,7 +23,7 @@ __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
 TIME_KEYS = ("step", "duration", "steps", "save_every", "halvings", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
-OUTPUT_KEYS = ("folder", "points", "fields", "tensors")
+OUTPUT_KEYS = ("folder", "points", "tensors", "fields")
 PRECISIONS = ("float64", "float32")
 
 
@@ -34,8 +34,8 @@ class SceneFile:
     `dt` [s], `steps`, `every`: steps a saved frame; `halvings`: how often a step that fails is halved (0: not at all);
     `solver`, `scheme`, `mass`, `rotation_update`, `tolerance`, `max_iterations` as for `jaxfem.build`; `precision`:
     "float64" or "float32"; `folder`: where results go; `points`: name -> (x, y, z) [m] of a material point of the
-    undeformed bodies whose path is recorded; `fields`: names of what frames hold, None for all; `tensors`: whether they
-    hold stress and strain as tensors too; `source`: the file.
+    undeformed bodies whose path is recorded; `tensors`: whether frames hold stress and strain as tensors; `fields`:
+    names of what frames hold, None for all; `source`: the file.
     """
 
     scene: Scene
@@ -164,7 +164,7 @@ def _fields(output: Table) -> tuple[str, ...] | None:
         return None
     if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
         raise output.wrong("fields", f"a list of names, of {', '.join(FIELDS)}")
-    return chosen_fields(names)
+    return tuple(dict.fromkeys(names))
 
 
 def _halvings(time: Table) -> int:

@@ -92,8 +92,12 @@ def test_fields_are_those_asked_for(tmp_path):
         writer.write(built[2])
     (frame,) = read_frames(writer.index)
     assert list(frame.fields) == ["velocity"]
-    with pytest.raises(jf.SceneError, match=r'no field "stress"; known: .*von_mises'):
-        FrameWriter(tmp_path, "cube", built[0], built[1], fields=["stress"])
+    with FrameWriter(tmp_path, "cube", built[0], built[1], fields=["stress"]) as writer:
+        writer.write(built[2])
+    assert read_frames(writer.index)[0].fields["stress"].shape == (len(built[0].elements.cells), 6)
+    with FrameWriter(tmp_path, "cube", built[0], built[1], fields=["speed"]) as writer:
+        with pytest.raises(jf.SceneError, match=r'no field "speed"; known: .*von_mises'):
+            writer.write(built[2])
 
 
 @pytest.mark.slow
