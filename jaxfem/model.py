@@ -281,6 +281,15 @@ def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
     return volumetric, deviatoric
 
 
+def nodal_stiffness(model: Model, params: Params) -> Array:
+    """What the material around each node holds it with at least, (n,) [N/m]: sums of mu V |grad N|^2."""
+    elements = model.elements
+    shear = element_stiffness(model, params)[1] / 2
+    parts = shear * elements.volumes * jnp.sum(elements.gradients**2, 1)
+    stiffness: Array = jnp.zeros(model.nodes, parts.dtype).at[elements.cells].add(parts.T)
+    return stiffness
+
+
 def nodal_mass(model: Model, density: Array) -> Array:
     """Lumped mass of each node, (n,) [kg]: each element's mass shared by its four corners."""
     density = jnp.asarray(density)

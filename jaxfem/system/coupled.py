@@ -19,7 +19,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.model import Model, Params, State, nodal_mass
+from jaxfem.model import Model, Params, State, nodal_mass, nodal_stiffness
 from jaxfem.rigid.dynamics import advanced, free_spin, midway, prescribed_velocities, world_inertia
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration
@@ -37,7 +37,9 @@ Array = jax.Array
 
 
 TRACE = {True: 1e-9, False: 1e-6}
-"""Least compliance of a row, as a share of its own effective inverse mass, in double and in single precision."""
+"""Least compliance of a row, as a share of what a unit impulse on it moves it by, in double and in single precision."""
+LEAST = 1e-3
+"""Of a node's own inverse mass: the trace goes by no less, however stiff the material that holds the node."""
 
 
 def coupled_system(
@@ -74,8 +76,9 @@ def coupled_system(
 
         extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory or {}, dt)
     hardened, traces = OrderedDict[str, PointRows](), {}
+    held = (_held_mass(model, params, inverse[0], dt), inverse[1])
     for name, rows in extra.items():
-        hardened[name], traces[name] = _hardened(rows, *inverse, gaps.get(name))
+        hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name))
     system = system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
     return system.replace(trace={joint_name(label): traces[joint_name(label)] for label in model.joints})
 
@@ -222,18 +225,32 @@ def _with_rigid(
     )
 
 
-def _hardened(rows: PointRows, scalar: Array, blocks: Array | None, gaps: Gaps | None) -> tuple[PointRows, Array]:
+def _held_mass(model: Model, params: Params, inverse: Array, dt: Array) -> Array:
+    """Inverse masses (n,) of nodes that the material around them holds too, by dt^2 times its stiffness."""
+    if not model.nodes:
+        return inverse
+    params, inverse, dt = jax.lax.stop_gradient((params, inverse, dt))
+    own = inverse[: model.nodes]
+    share = 1 / (1 + dt**2 * own * nodal_stiffness(model, params))
+    return inverse.at[: model.nodes].set(own * jnp.maximum(share, LEAST))
+
+
+def _hardened(
+    rows: PointRows, inverse: tuple[Array, Array | None], held: tuple[Array, Array | None], gaps: Gaps | None
+) -> tuple[PointRows, Array]:
     """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer; and that trace.
 
-    1e-9 (1e-6 in single precision) of a row's own effective inverse mass: the stiffness is that of the mass at the
-    step's frequency times 1e9. Rows that move nothing get 1. Contacts that are deep may pull as well, as much as it
-    takes to stop what moves apart with `gaps.brake`: speed that they got from being moved apart is no momentum.
+    1e-9 (1e-6 in single precision) of what a unit impulse on a row moves it by, each node as the material around it
+    lets it (`held`): a gram of what is stiff may carry tonnes. Rows that move nothing get 1. Contacts that are deep may
+    pull as well, as much as it takes to stop what moves apart with `gaps.brake`: speed that they got from being moved
+    apart is no momentum.
     """
-    diagonal = jax.lax.stop_gradient(rows.diagonal(scalar, blocks))
-    trace = TRACE[diagonal.dtype.itemsize > 4]
+    trace = TRACE[rows.bias.dtype.itemsize > 4]
+    diagonal = jax.lax.stop_gradient(rows.diagonal(*held))
     own = jnp.where(diagonal > 0, trace * diagonal, 1)
     rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
         return rows, own
+    diagonal = jax.lax.stop_gradient(rows.diagonal(*inverse))
     stopping = jnp.where(gaps.brake > 0, gaps.brake / jnp.where(diagonal > 0, diagonal, jnp.inf), 0)
     return rows.replace(lower=rows.lower - stopping), own

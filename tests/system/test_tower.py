@@ -22,6 +22,7 @@ def tower():
 def ended(model, params, state, **changes):
     """The box's place and turning at the end, and the infos."""
     states, infos = jf.rollout(model.replace(**changes), params, state, DT, STEPS, every=STEPS)
+    assert float(states.positions[0, :, 2].min()) > -1e-6  # what carries tonnes does not sink into the ground
     return np.asarray(states.rigid.positions[0, 0]), np.asarray(states.rigid.angular_velocities[0, 0]), infos
 
 
@@ -37,13 +38,17 @@ def test_it_stands_centred_whatever_the_tolerance(tower, tolerance):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("mass", "young"), [(100.0, YOUNG), (1000.0, 1e9), (1000.0, 1e10)])
+@pytest.mark.parametrize(("mass", "young"), [(100.0, YOUNG), (1000.0, 1e9), (1000.0, 1e10), (1e4, 1e9)])
 def test_others_stand_too(tower, mass, young):
     model, params, state = tower
     params = params.replace(young=young, rigid=params.rigid.replace(mass=jnp.array([mass])))
     place, spin, infos = ended(model, params, state)
     assert not infos.status.any()
-    np.testing.assert_allclose(place, [SIDE / 2, SIDE / 2, 1.5 * SIDE - mass * 9.81 / (young * SIDE)], atol=4e-4)
+    np.testing.assert_allclose(
+        place,
+        [SIDE / 2, SIDE / 2, 1.5 * SIDE - mass * 9.81 / (young * SIDE)],
+        atol=6e-5 + 0.3 * mass * 9.81 / (young * SIDE),
+    )
     assert np.abs(spin).max() < 1e-3
 
 
