@@ -12,7 +12,11 @@ from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.creeping import CreepPlastic
 from jaxfem.materials.linear import Linear
+from jaxfem.materials.mooney_rivlin import MooneyRivlin
+from jaxfem.materials.neo_hookean import NeoHookean
+from jaxfem.materials.nonlinear import Nonlinear
 from jaxfem.materials.viscoelastic import Viscoelastic
+from jaxfem.materials.yeoh import Yeoh
 from jaxfem.mesh import MeshError, MeshWarning, TetMesh
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.motion import Motion
@@ -50,9 +54,12 @@ __all__ = [
     "MeshError",
     "MeshWarning",
     "Model",
+    "MooneyRivlin",
     "Motion",
     "Motor",
+    "NeoHookean",
     "NodalForce",
+    "Nonlinear",
     "OverlapWarning",
     "Params",
     "Plane",
@@ -78,6 +85,7 @@ __all__ = [
     "TriangleMesh",
     "Viscoelastic",
     "WeldJoint",
+    "Yeoh",
     "__version__",
     "build",
     "diagnose",

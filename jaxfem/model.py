@@ -7,12 +7,14 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_material
+from jaxfem.elements.finite import law_material
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diagonal
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import ranged, within
@@ -198,6 +200,11 @@ class Model(Pytree):
         return any(law.remembers for law in self.laws)
 
     @property
+    def nonlinear(self) -> bool:
+        """Whether a body's material is not linear in the step: its rows are then made anew at the solution."""
+        return any(is_nonlinear(law) for law in self.laws)
+
+    @property
     def coupled(self) -> bool:
         """Whether anything but soft bodies takes part: rigid bodies, joints or contacts."""
         return self.rigid is not None or bool(self.joints) or bool(self.contacts)
@@ -258,7 +265,11 @@ def element_constants(model: Model, params: Params) -> dict[str, Array]:
 def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:
     """Stiffness and damping of each kind of domains, without what materials remember."""
     values = element_constants(model, params)
-    return [domain_material(each, values) for each in model.domains]
+    plain = [domain_material(each, values) for each in model.domains]
+    return [
+        law_material(each, own, values) if is_nonlinear(each.law) else own
+        for each, own in zip(model.domains, plain, strict=True)
+    ]
 
 
 def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:

@@ -15,7 +15,7 @@ import numpy as np
 from jax import Array, lax
 
 from jaxfem.batching import cond_any
-from jaxfem.tensors import array_of
+from jaxfem.tensors import array_of, bordered, jacobi
 
 Components = tuple[tuple[Array, ...], ...]
 Vector = tuple[Array, ...]
@@ -133,35 +133,10 @@ def _davenport(F: Components) -> Array:
     (a, b, c), (d, e, f), (g, h, i) = F
     wx, wy, wz, xy, xz, yz = h - f, c - g, d - b, b + d, c + g, f + h
     K = ((a + e + i, wx, wy, wz), (wx, a - e - i, xy, xz), (wy, xy, e - a - i, yz), (wz, xz, yz, i - a - e))
-    A, V = _jacobi(array_of(K))
+    A, V = jacobi(array_of(K))
     best = jnp.argmax(jnp.stack([A[j, j] for j in range(4)]), axis=0)
     q = functools.reduce(lambda q, j: jnp.where(best == j, V[j], q), range(1, 4), V[0])
     return jnp.moveaxis(quaternion_to_matrix(jnp.moveaxis(q, 0, -1)), (-2, -1), (0, 1))
-
-
-def _jacobi(A: Array) -> tuple[Array, Array]:
-    """Cyclic Jacobi on symmetric A (4, 4, ...): (nearly diagonal, with its eigenvectors as rows)."""
-
-    def visit(_: Any, state: Any) -> Any:
-        # Always the pairs (0, 1) and (2, 3), renumbered after: a third of the code of a whole sweep to compile.
-        # t = tan of the smaller angle that makes the entry beside the diagonal zero
-        A, V = state
-        off, d = jnp.stack((A[0, 1], A[2, 3])), jnp.stack((A[1, 1] - A[0, 0], A[3, 3] - A[2, 2]))
-        r = jnp.sqrt(d * d + 4 * off * off)
-        den = d + jnp.where(d >= 0, r, -r)
-        t = 2 * off / jnp.where(den == 0, 1, den)
-        c = 1 / jnp.sqrt(t * t + 1)
-        c, s = c[:, None], (t * c)[:, None]
-
-        def turned(M: Array) -> Array:
-            first, second = c * M[0::2] - s * M[1::2], s * M[0::2] + c * M[1::2]
-            return jnp.stack((first[0], first[1], second[1], second[0]))
-
-        return turned(jnp.swapaxes(turned(A), 0, 1)), turned(V)
-
-    V = jnp.broadcast_to(jnp.eye(4, dtype=A.dtype).reshape(4, 4, *(1,) * (A.ndim - 2)), A.shape)
-    found: tuple[Array, Array] = lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))
-    return found
 
 
 def rotation_gap(F: Any, R: Any) -> Array:
@@ -173,8 +148,7 @@ def rotation_gap(F: Any, R: Any) -> Array:
     M, Q = jax.tree.map(lax.stop_gradient, (_components(F), _components(R)))
     scale = _scale(M)
     B = array_of(_spin_matrix(_transpose_product(Q, _scaled(M, scale))))
-    # A fourth direction by itself, with a number between the eigenvalues.
-    A, _ = _jacobi(jnp.pad(B, ((0, 1), (0, 1), *((0, 0),) * (B.ndim - 2))).at[3, 3].set(B[0, 0]))
+    A, _ = jacobi(bordered(B))
     return jnp.maximum(functools.reduce(jnp.minimum, [A[j, j] for j in range(4)]), 0) * scale
 
 

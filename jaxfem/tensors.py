@@ -6,6 +6,7 @@ into one pass. So kernels hold a matrix as `Matrix3`: three rows of three arrays
 
 import math
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -150,3 +151,51 @@ def from_eigenbasis(c: Sequence[Array]) -> Matrix3:
         [xy, mean + second - first, yz],
         [xz, yz, mean - 2 * second],
     ]
+
+
+def jacobi(A: Array) -> tuple[Array, Array]:
+    """Cyclic Jacobi on symmetric A (4, 4, ...): (nearly diagonal, with its eigenvectors as rows)."""
+
+    def visit(_: Any, state: Any) -> Any:
+        # Always the pairs (0, 1) and (2, 3), renumbered after: a third of the code of a whole sweep to compile.
+        # t = tan of the smaller angle that makes the entry beside the diagonal zero
+        A, V = state
+        off, d = jnp.stack((A[0, 1], A[2, 3])), jnp.stack((A[1, 1] - A[0, 0], A[3, 3] - A[2, 2]))
+        r = jnp.sqrt(d * d + 4 * off * off)
+        den = d + jnp.where(d >= 0, r, -r)
+        t = 2 * off / jnp.where(den == 0, 1, den)
+        c = 1 / jnp.sqrt(t * t + 1)
+        c, s = c[:, None], (t * c)[:, None]
+
+        def turned(M: Array) -> Array:
+            first, second = c * M[0::2] - s * M[1::2], s * M[0::2] + c * M[1::2]
+            return jnp.stack((first[0], first[1], second[1], second[0]))
+
+        return turned(jnp.swapaxes(turned(A), 0, 1)), turned(V)
+
+    V = jnp.broadcast_to(jnp.eye(4, dtype=A.dtype).reshape(4, 4, *(1,) * (A.ndim - 2)), A.shape)
+    found: tuple[Array, Array] = jax.lax.fori_loop(0, 3 * (6 if A.dtype.itemsize > 4 else 5), visit, (A, V))
+    return found
+
+
+def bordered(S: Array) -> Array:
+    """(3, 3, ...) -> (4, 4, ...) for `jacobi`: a fourth direction by itself, with a number between the eigenvalues."""
+    return jnp.pad(S, ((0, 1), (0, 1), *((0, 0),) * (S.ndim - 2))).at[3, 3].set(S[0, 0])
+
+
+def symmetric_eigenpairs(S: Array) -> tuple[Array, Array]:
+    """Eigenvalues (3, ...), in no order, and eigenvectors as rows (3, 3, ...) of symmetric S (3, 3, ...).
+
+    The rows are a proper rotation.
+    """
+    A, V = jacobi(bordered(S))
+    # The fourth direction stays exact: in whatever place it ended, it is left out.
+    fourth = jnp.argmax(jnp.abs(V[:, 3]), axis=0)
+    kept = [jnp.where(fourth <= k, k + 1, k) for k in _AXES]
+
+    def taken_out(values: Array) -> Array:
+        return jnp.stack([jnp.take_along_axis(values, k[None], axis=0)[0] for k in kept])
+
+    rows = jnp.stack([taken_out(V[:, k]) for k in _AXES], axis=1)
+    sign = jnp.sign(determinant(matrix_of(rows)))
+    return taken_out(jnp.stack([A[k, k] for k in range(4)])), rows * sign

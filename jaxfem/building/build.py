@@ -17,6 +17,7 @@ from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
 from jaxfem.elements.tetra import Elements, shape_gradients
+from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
@@ -91,6 +92,7 @@ def build(
         mass=mass,
         strains=tuple(dict.fromkeys(body.strain for body in bodies)),
         scheme=made,
+        nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if is_nonlinear(law))),
     )
     state = state.replace(carry=first_carry(state))
     model, state = with_method(Built(facts, model, params, state), asked, rotation_update)

@@ -119,6 +119,11 @@ def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, State] 
     refused = method.refuses(built.facts)
     if refused is not None:
         return refused
+    if built.facts.nonlinear and not method.nonlinear:
+        return (
+            f"takes laws that are linear in a step, which {' and '.join(built.facts.nonlinear)} is not: use "
+            '"condensed", alone or among joints and contacts of soft bodies'
+        )
     try:
         return _planned(built, method, choice)
     except CannotServe as problem:

@@ -5,6 +5,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements import finite
 from jaxfem.elements.domains import (
     DomainMaterial,
     Domains,
@@ -41,11 +42,17 @@ def elastic_response(
     Energy V/2 (3K e_v^2 + 2 mu sum e_d^2), e the rotated strain in the eigenbasis, plus the material's offset where it
     has one; force -V R S grad N_a, S the stress.
     With the nearest rotation the force is minus the gradient of the energy (stress and stretch share axes); with
-    Gram-Schmidt it is the warped force of Mueller & Gross 2004, which has no energy.
+    Gram-Schmidt it is the warped force of Mueller & Gross 2004, which has no energy. Laws that are not linear have
+    their own energy, of the deformation gradient.
     """
     energy, force, rotations = jnp.zeros((), positions.dtype), jnp.zeros_like(positions), []
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
+        if isinstance(material, finite.LawMaterial):
+            stored, pull = finite.response(each, positions, material)
+            energy, force = energy + stored, force + pull
+            rotations.append(rotation)
+            continue
         strain = material.from_rest(strain)
         impulse = [each.row_volumes * w * s for w, s in zip(material.weights(each), strain, strict=True)]
         energy = energy + 0.5 * sum(jnp.vdot(p, s) for p, s in zip(impulse, strain, strict=True))
@@ -65,6 +72,9 @@ def viscoelastic_force(
     force = jnp.zeros_like(positions)
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
+        if isinstance(material, finite.LawMaterial):
+            force = force + finite.viscous_response(each, positions, velocities, material, rotation)
+            continue
         rate = symmetric(product(transposed(rotation), domain_gradient(each, velocities)))
         rates = row_means(each, to_eigenbasis(rate)[each.rows])
         strain = material.from_rest(strain)

@@ -24,3 +24,8 @@ def ratio_and_modulus(volumetric: Array, deviatoric: Array) -> tuple[Array, Arra
     """Poisson's ratio and Young's modulus [Pa] of the eigenvalues (3K, 2 mu): the inverse of `eigenstiffness`."""
     total = 2 * volumetric + deviatoric
     return (volumetric - deviatoric) / total, 3 * volumetric * deviatoric / total
+
+
+def stiffness_of_shear(shear: Array, poisson: Array) -> tuple[Array, Array]:
+    """The eigenvalues (3K, 2 mu) [Pa] of a shear modulus [Pa] and Poisson's ratio: 3K = 2 mu (1 + nu)/(1 - 2 nu)."""
+    return 2 * shear * (1 + poisson) / (1 - 2 * poisson), 2 * shear

@@ -30,7 +30,8 @@ class Facts(NamedTuple):
     """What of a scene decides which methods can serve it.
 
     `soft`, `rigid`: whether it has such bodies; `tied`: whether it has joints or contacts; `mass`: kind of mass matrix;
-    `strains`: kinds of strain rows of its bodies; `scheme`: the time scheme.
+    `strains`: kinds of strain rows of its bodies; `scheme`: the time scheme; `nonlinear`: the laws of its bodies that
+    are not linear in the step.
     """
 
     soft: bool
@@ -39,6 +40,7 @@ class Facts(NamedTuple):
     mass: MassKind
     strains: tuple[str, ...]
     scheme: Scheme
+    nonlinear: tuple[str, ...] = ()
 
     @property
     def coupled(self) -> bool:
@@ -64,6 +66,8 @@ class Method(abc.ABC):
     """A way to solve a step: see the head of this file. `name`: its word in `build` and in scene files."""
 
     name: ClassVar[str]
+    nonlinear: ClassVar[bool] = False
+    """Whether it serves materials that are not linear in the step."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)

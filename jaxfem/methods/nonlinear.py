@@ -24,6 +24,7 @@ from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.momentum import kept
 from jaxfem.system.soft import (
+    ROUNDING,
     System,
     elastic_rounding,
     momentum_gradient,
@@ -34,7 +35,6 @@ from jaxfem.system.soft import (
 Array = jax.Array
 
 ROUNDS = 60
-ROUNDING = 3.0  # times the forces that rounding makes of positions: what residuals are seen to stay below
 GROWTH = 10.0  # of the residual in a round, that is let pass: on the way into a large rotation it may rise first
 
 
@@ -68,6 +68,11 @@ class ImplicitRotations(Method):
             return (
                 'with rotation_update = "implicit" is for soft bodies alone, without rigid bodies, joints or contacts: '
                 'use rotation_update = "explicit"'
+            )
+        if facts.nonlinear:
+            return (
+                f'with rotation_update = "implicit" is for linear laws; {" and ".join(facts.nonlinear)} takes the '
+                'force of the end of the step as it is: use rotation_update = "explicit"'
             )
         why: str | None = self.inner.refuses(facts)
         return why or self._without_rounds()

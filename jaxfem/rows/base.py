@@ -4,7 +4,6 @@ A row couples the velocities of a few nodes:  J v + C lam - c  complementary to 
 (Benevolensky & Voroshilov 2009, section 2).  lam is an impulse [N s] for rows in metres a second.
 """
 
-from collections.abc import Sequence
 from typing import Protocol
 
 import jax
@@ -42,11 +41,3 @@ def impulses(rows: Rows, velocities: Array) -> Array:
     """The impulses that velocities imply: clip((c - J v) / C, lower, upper)."""
     free = (rows.bias - rows.apply(velocities)) / rows.compliance
     return free if rows.bounds is None else jnp.clip(free, *rows.bounds)
-
-
-def total_impulse(stack: Sequence[Rows], velocities: Array) -> Array:
-    """Sum over the kinds of J' lam(v), (n, 3) [N s]."""
-    total = jnp.zeros_like(velocities)
-    for rows in stack:
-        total = total + rows.apply_transpose(impulses(rows, velocities))
-    return total

@@ -6,8 +6,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_force, domain_gradient, domain_strains, row_means
+from jaxfem.elements.finite import LawMaterial
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.pytrees import Pytree, static
+from jaxfem.rows.lawful import LawRows, law_rows
 from jaxfem.schemes import Stage
 from jaxfem.tensors import EIGENBASIS, Matrix3, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
 
@@ -39,6 +41,16 @@ class ElasticRows(Pytree):
         """Nodal impulses R S grad N_a of row impulses (r, D), S their symmetric matrix: -> (n, 3)."""
         return domain_force(self.domains, matrix_of(self.rotation), list(impulses), self.nodes)
 
+    def impulse(self, velocities: Array) -> Array:
+        """Nodal impulses (n, 3) that velocities imply, J' (c - J v) / C [N s]."""
+        return self.apply_transpose((self.bias - self.apply(velocities)) / self.compliance)
+
+    def objective_and_impulse(self, velocities: Array) -> tuple[Array, Array]:
+        """Half the sum of (c - J v)^2 / C, () [J], and minus its slope, `impulse`."""
+        short = self.bias - self.apply(velocities)
+        found = short / self.compliance
+        return 0.5 * jnp.sum(found * short), self.apply_transpose(found)
+
     def diagonal(self, inverse_mass: Array) -> Array:
         """Diagonal of J M^-1 J': sum_a |s_r grad N_a|^2 / m_a; rotation drops out, but not within a cluster."""
         clusters = self.domains.clusters
@@ -50,6 +62,10 @@ class ElasticRows(Pytree):
         basis = jnp.asarray(EIGENBASIS[self.domains.rows], corner.dtype)
         spread = jnp.einsum("rij,aje->raie", basis, self.domains.gradients)
         return jnp.einsum("raie,raie,ae->re", spread, spread, corner)
+
+
+StepRows = ElasticRows | LawRows
+"""What takes the place of a kind of domains in a step: linear rows, or an energy."""
 
 
 def turned_gradients(domains: Domains, rotation: Array) -> Array:
@@ -71,8 +87,8 @@ def elastic_rows(
     stage: Stage,
     materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
-) -> tuple[ElasticRows, ...]:
-    """Rows of one step, made at its `stage`; `materials`: one for each kind.
+) -> tuple["StepRows", ...]:
+    """Rows of one step, made at its `stage`; `materials`: one for each kind. Of linear laws, the others' see `lawful`:
 
     With e the rotated strain plus the material's known offset, D its stiffness, and strain and rate at
     x_a = base + ahead + reach v and v_a = before + follow v (see `schemes`), the stress impulse is
@@ -82,7 +98,9 @@ def elastic_rows(
     """
     strains = domain_strains(kinds, stage.base, kind)
     return tuple(
-        _rows(each, strain, rotation, stage, material)
+        law_rows(each, stage, material, rotation)
+        if isinstance(material, LawMaterial)
+        else _rows(each, strain, rotation, stage, material)
         for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True)
     )
 

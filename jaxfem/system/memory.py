@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_mean, domain_strains
+from jaxfem.elements.finite import LawMaterial
 from jaxfem.model import Model, Params, State, domain_materials, element_constants
 from jaxfem.schemes import Stage
 
@@ -51,8 +52,11 @@ def step_materials(
     values = element_constants(model, params)
     made = []
     for each, plain, internal in zip(model.domains, materials, state.internal, strict=True):
-        if internal is not None:
+        if isinstance(plain, LawMaterial):
             # Strain and rate are taken the share `follow` of the step after its start.
+            later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
+            plain = plain.replace(internal=internal, dt=later)
+        elif internal is not None:
             later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
             (volumetric, deviatoric), offset = each.law.response(
                 domain_values(each, values), internal, later, each.rows
@@ -95,8 +99,11 @@ def resting_materials(model: Model, params: Params, internal: Any) -> list[Domai
     if internal is None:
         return materials
     values = element_constants(model, params)
-    made = []
+    made: list[DomainMaterial] = []
     for each, plain, own in zip(model.domains, materials, internal, strict=True):
+        if isinstance(plain, LawMaterial):
+            made.append(plain.replace(internal=own))
+            continue
         rest = None if own is None else each.law.rest_strain(domain_values(each, values), own, each.rows)
         made.append(plain if rest is None else plain.replace(offset=-rest))
     return made

@@ -2,6 +2,7 @@
 
 import dataclasses
 from collections import OrderedDict
+from collections.abc import Sequence
 
 import jax
 import jax.numpy as jnp
@@ -13,15 +14,18 @@ from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, shared_mass
 from jaxfem.motion import displaced
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.base import Rows, total_impulse
+from jaxfem.rows.base import Rows
 from jaxfem.rows.bounds import Friction
-from jaxfem.rows.elastic import ElasticRows, elastic_rows
+from jaxfem.rows.elastic import ElasticRows, StepRows, elastic_rows
+from jaxfem.rows.lawful import LawRows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.system.memory import step_materials
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
+
+ROUNDING = 3.0  # times the forces that rounding makes of positions: what residuals are seen to stay below
 
 
 class System(Pytree):
@@ -36,10 +40,11 @@ class System(Pytree):
     last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
     there, which is then one of backward Euler. `passed` (b,): share of the step before a rigid body is struck, in which
     it goes on as it did (see `impacts.py`). `spin` (b, 3): along which free bodies turn in the step. `trace`: what of
-    the compliance of joints' rows is there to make their matrix regular, by group.
+    the compliance of joints' rows is there to make their matrix regular, by group. `noise` [N s]: what the rounding of
+    positions makes of the forces of laws that are not linear, None without such.
     """
 
-    elastic: tuple[ElasticRows, ...]
+    elastic: tuple[StepRows, ...]
     mass: Array
     target: Array
     prescribed: Array
@@ -58,11 +63,18 @@ class System(Pytree):
     impact: Array | None = None
     passed: Array | None = None
     spin: Array | None = None
+    noise: Array | None = None
 
     @property
     def rows(self) -> OrderedDict[str, Rows]:
-        """All rows by the names of their groups, elastic ones first."""
-        return OrderedDict([*zip(elastic_names(len(self.elastic)), self.elastic, strict=True), *self.extra.items()])
+        """All rows by the names of their groups, elastic ones first; of linear laws."""
+        elastic = [each for each in self.elastic if isinstance(each, ElasticRows)]
+        return OrderedDict([*zip(elastic_names(len(elastic)), elastic, strict=True), *self.extra.items()])
+
+    @property
+    def nonlinear(self) -> bool:
+        """Whether any law is not linear in the step."""
+        return not all(isinstance(each, ElasticRows) for each in self.elastic)
 
 
 def elastic_names(count: int) -> list[str]:
@@ -90,8 +102,9 @@ def step_system(
     stage = stage_of(model, state, prescribed, dt, impact)
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
+    elastic = elastic_rows(model.domains, stage, step_materials(model, params, state, dt, stage), model.rotation)
     return System(
-        elastic=elastic_rows(model.domains, stage, step_materials(model, params, state, dt, stage), model.rotation),
+        elastic=elastic,
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
         prescribed=prescribed,
@@ -104,6 +117,7 @@ def step_system(
         shared_mass=shared_mass(model, params.density),
         before=None if is_diagonal(model.mass) else jnp.where(free, stage.start, state.velocities),
         impact=impact,
+        noise=_rounding_noise(elastic, jax.lax.stop_gradient(stage.base)) if model.nonlinear else None,
     )
 
 
@@ -127,8 +141,33 @@ def momentum_gradient(system: System, unknown: Array) -> Array:
     Fixed triples carry M times the unknown, so that the Hessian stays symmetric positive definite and they solve to 0.
     """
     velocities = merged(system, unknown)
+    impulses = jnp.zeros_like(velocities)
+    for rows in system.elastic:
+        impulses = impulses + rows.impulse(velocities)
+    return _left(system, unknown, velocities, impulses)
+
+
+def momentum_objective(system: System, unknown: Array) -> tuple[Array, Array]:
+    """The primal objective 1/2 (v - v*)' M (v - v*) + sum Phi of elastic rows, () [J], with its gradient (n, 3)."""
+    velocities = merged(system, unknown)
+    change, impulses = velocities - system.target, jnp.zeros_like(velocities)
+    total = 0.5 * jnp.sum(system.mass[:, None] * change**2)
+    for rows in system.elastic:
+        energy, own = rows.objective_and_impulse(velocities)
+        total, impulses = total + energy, impulses + own
+    if system.shared_mass is not None and system.before is not None:
+        changed = velocities - system.before
+        total = total + 0.5 * jnp.vdot(changed, system.shared_mass.apply(changed))
+    if system.inertia is not None:
+        spin = change[-system.inertia.shape[0] :]
+        total = total + 0.5 * jnp.einsum("bi,bij,bj->", spin, system.inertia, spin)
+    return total, _left(system, unknown, velocities, impulses)
+
+
+def _left(system: System, unknown: Array, velocities: Array, impulses: Array) -> Array:
+    """The momentum that elastic `impulses` (n, 3) leave to do, see `momentum_gradient`."""
     mass = system.mass[:, None]
-    residual = mass * (velocities - system.target) - total_impulse(system.elastic, velocities)
+    residual = mass * (velocities - system.target) - impulses
     own = mass * unknown
     if system.shared_mass is not None and system.before is not None:
         residual = residual + system.shared_mass.apply(velocities - system.before)
@@ -179,6 +218,13 @@ def stage_of(model: Model, state: State, prescribed: Array, dt: Array, impact: A
     free = model.free[:, None] > 0
     stage = model.scheme.stage(state, prescribed, free, dt)
     return stage if impact is None else BackwardEuler().stage(state, prescribed, free, dt).where(impact, stage)
+
+
+def _rounding_noise(elastic: Sequence[StepRows], positions: Array) -> Array:
+    """Impulse [N s] that is only rounding in laws that are not linear, several times."""
+    found = [each.noise(positions) for each in jax.lax.stop_gradient(elastic) if isinstance(each, LawRows)]
+    noise: Array = ROUNDING * jnp.linalg.norm(jnp.stack(found))
+    return noise
 
 
 def _rounding_floor(mass: Array, load: Array, velocities: Array) -> Array:

@@ -7,11 +7,15 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
+from jaxfem.elements.finite import Curvature, LawMaterial, curvature, displacement_gradient
 from jaxfem.elements.mass import SharedMass
 from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
+from jaxfem.methods.nodes.law_terms import arms_of, law_factor, law_sums
+from jaxfem.methods.nodes.pairs import firsts, seconds
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.elastic import ElasticRows, turned_gradients
+from jaxfem.rows.elastic import ElasticRows, StepRows, turned_gradients
+from jaxfem.rows.lawful import LawRows, TangentRows
 from jaxfem.tensors import (
     array_of,
     cross_matrix,
@@ -70,12 +74,20 @@ def assemble(
 
 
 def assemble_rows(
-    rows: Sequence[ElasticRows], mass: Array, free: Array, pattern: Pattern, coupling: SharedMass | None = None
+    rows: Sequence[StepRows | TangentRows],
+    mass: Array,
+    free: Array,
+    pattern: Pattern,
+    coupling: SharedMass | None = None,
 ) -> BlockMatrix:
     """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `coupling` what M has beside it."""
     sums = _zero_sums(pattern, mass.dtype) if coupling is None else coupling.blocks(pattern.pair_count)
     factors: list[Factor] = []
     for number, each in enumerate(rows):
+        assert not isinstance(each, LawRows), "laws are linearised before their matrix is made"
+        if isinstance(each, TangentRows):
+            sums, factors = _with_law(sums, factors, each.domains, each.curvature, each.reach, free, pattern, number)
+            continue
         turned = turned_gradients(each.domains, each.rotation)
         if each.domains.clusters is not None:
             weight = 1 / (3 * each.compliance[0])
@@ -86,6 +98,30 @@ def assemble_rows(
         else:
             sums = sums + _row_sums(each, turned, pattern, number)
     return assemble(sums, mass, free, pattern, factors)
+
+
+def _with_law(
+    sums: Array,
+    factors: list[Factor],
+    domains: Domains,
+    found: Curvature,
+    reach: Any,
+    free: Array,
+    pattern: Pattern,
+    number: int,
+) -> tuple[Array, list[Factor]]:
+    """The sums and factors with those of a kind of domains whose law is not linear."""
+    if domains.clusters is not None:
+        before = sum(factor.shared is not None for factor in factors)
+        arms, weight = arms_of(domains, found), reach**2 * found.weight
+        own = clustered(factors[-1], domains, arms, weight, free, pattern, before)
+        if found.bend is not None and own.bend is not None:
+            bend = own.bend.replace(matrix=own.bend.matrix + jnp.moveaxis(reach**2 * found.bend, -1, 0))
+            own = own.replace(bend=bend)
+        return sums, [*factors[:-1], own]
+    if domains.volumetric:
+        return sums, [*factors, law_factor(domains, found, reach, free, pattern, number)]
+    return sums + law_sums(domains, found, reach, pattern, number), factors
 
 
 def _row_sums(rows: ElasticRows, turned: Array, pattern: Pattern, number: int) -> Array:
@@ -117,11 +153,15 @@ def assemble_tangent(
 
     From P = R (2 mu (S - I) + lambda tr(S - I) I), S = R'F, and R'dR = skew(B^-1 2 vex(R'dF)), B = tr(S) I - S:
         K_ab = V ( 2 mu (r_a . r_b) I + lambda r_a r_b' + (2 mu - lambda tr(S - I)) skew(r_a) R B^-1 R' skew(r_b) ).
-    Deviatoric domains have lambda = -2 mu / 3, volumetric ones mu = 0.
+    Deviatoric domains have lambda = -2 mu / 3, volumetric ones mu = 0. Laws that are not linear have their own tangent.
     """
     sums = _zero_sums(pattern, positions.dtype)
     factors: list[Factor] = []
     for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
+        if isinstance(material, LawMaterial):
+            found = curvature(each, material, None, displacement_gradient(each, positions), definite=not exact)
+            sums, factors = _with_law(sums, factors, each, found, 1.0, free, pattern, number)
+            continue
         lam, mu = _lame(each, material)
         turned = turned_gradients(each, rotation)
         spin = _spin(each, positions, rotation, lam, mu) if exact else None
@@ -162,38 +202,19 @@ def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, patt
     """
 
     slots = pattern.pairs[number]
-    a, b = _firsts(turned, slots), _seconds(turned, slots)
-    pull, shear = _seconds(lam * turned, slots), _seconds(mu * turned, slots)
+    a, b = firsts(turned, slots), seconds(turned, slots)
+    pull, shear = seconds(lam * turned, slots), seconds(mu * turned, slots)
     dot = a[0] * shear[0] + a[1] * shear[1] + a[2] * shear[2]
     if spin is None:
         block = [[a[i] * pull[j] + shear[i] * a[j] + (dot if i == j else 0) for j in _AXES] for i in _AXES]
     else:
-        each = _seconds(jnp.broadcast_to(spin.reshape(9, -1), (len(turned), 9, spin.shape[-1])), slots)
+        each = seconds(jnp.broadcast_to(spin.reshape(9, -1), (len(turned), 9, spin.shape[-1])), slots)
         turn = product(cross_matrix(a), product(matrix_of(each.reshape(3, 3, -1)), cross_matrix(b)))
         block = [[a[i] * pull[j] + turn[i][j] + (2 * dot if i == j else 0) for j in _AXES] for i in _AXES]
     # Entry by entry along the pairs: whole arrays of blocks are transposed an entry at a time, eight times as slowly.
     entries = jnp.stack([entry for row in block for entry in row], -1)
     where = jnp.concatenate([each.reshape(-1) for each in slots])
     return jnp.zeros((pattern.pair_count, 9), turned.dtype).at[where].add(entries).reshape(-1, 3, 3)
-
-
-def _firsts(values: Array, slots: Sequence[Array]) -> Array:
-    """What the first node of each pair of a domain's nodes has, (k, Q), of `values` (m, k, D).
-
-    Pairs in the order of `slots`: by their second node b, then by the first a < b, then by those domains that have a
-    node b, so that no work is spent on padding.
-    """
-    parts = [jnp.swapaxes(values[:b, :, : each.shape[1]], 0, 1) for b, each in enumerate(slots, start=1)]
-    return jnp.concatenate([part.reshape(len(part), -1) for part in parts], 1)
-
-
-def _seconds(values: Array, slots: Sequence[Array]) -> Array:
-    """What the second node of each pair has, (k, Q); see `_firsts`."""
-    parts = [
-        jnp.broadcast_to(values[b, :, None, : each.shape[1]], (values.shape[1], *each.shape))
-        for b, each in enumerate(slots, start=1)
-    ]
-    return jnp.concatenate([part.reshape(len(part), -1) for part in parts], 1)
 
 
 def _zero_sums(pattern: Pattern, dtype: Any) -> Array:

@@ -82,8 +82,11 @@ def _bounds(system: System, impulses: Impulses, wished: Impulses | None = None) 
 
 
 @lanes_in_turn
-def solve_bounded(system: System, coarse: Array, guess: Pair) -> tuple[Pair, SolveInfo]:
-    """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info."""
+def solve_bounded(system: System, coarse: Array, guess: Pair, gradient: Array | None = None) -> tuple[Pair, SolveInfo]:
+    """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info.
+
+    `gradient` (n, 3): that of the momentum at the guess, where it is known.
+    """
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
@@ -99,7 +102,7 @@ def solve_bounded(system: System, coarse: Array, guess: Pair) -> tuple[Pair, Sol
     first = tuple(guess[1].values())
     slack = tuple(rows.bias - rows.apply(velocities) for rows in extra)
     terms = _terms(extra, slack=slack, start=first, bounds=follow(first, slack))
-    gradient = momentum_gradient(system, start)
+    gradient = momentum_gradient(system, start) if gradient is None else gradient
     minimize = _minimizer(system, coarse)
     step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow if system.friction else None)
     end, impulses = start + step * free, named(names, found)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.nodes.assembly import BlockMatrix, assemble_rows
 from jaxfem.methods.nodes.preconditioner import coarse_inverse, rigid_modes, two_level
+from jaxfem.rows.lawful import LawRows
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, momentum_gradient
@@ -22,6 +23,18 @@ def condensed_matrix(system: System) -> BlockMatrix:
     return assemble_rows(system.elastic, mass, free, system.pattern, system.shared_mass)
 
 
+def linearised(system: System, velocities: Array | None = None, definite: Any = False) -> System:
+    """The system with the tangent of each law that is not linear, made at `velocities` (n, 3) of all triples.
+
+    None: where they are zero. `definite`: see `LawRows.tangent`. Nothing is done where all laws are linear.
+    """
+    if not system.nonlinear:
+        return system
+    at = jnp.zeros_like(system.target) if velocities is None else velocities
+    elastic = [each.tangent(at, definite) if isinstance(each, LawRows) else each for each in system.elastic]
+    return system.replace(elastic=tuple(elastic))  # for the matrix alone: it knows no impulses
+
+
 def group_modes(system: System) -> Array:
     """Rigid modes of the preconditioner's groups at the start-of-step shape."""
     rotations = [rows.rotation for rows in system.elastic if not rows.domains.volumetric]
@@ -31,7 +44,7 @@ def group_modes(system: System) -> Array:
 
 def coarse_of(system: System) -> Array:
     """The coarse inverse that `solve_linear` takes, built for this step's shape and numbers."""
-    return jax.lax.stop_gradient(_coarse_inverse(jax.lax.stop_gradient(system)))
+    return jax.lax.stop_gradient(_coarse_inverse(jax.lax.stop_gradient(linearised(system))))
 
 
 @lanes_in_turn

@@ -32,12 +32,28 @@ class ClusterTerm(Pytree):
         return jnp.zeros((count, count), at.dtype).at[owner[:, :, None], owner[:, None]].add(products)
 
 
+class Bend(Pytree):
+    """G' M G, with G v the gradient of v over each domain: `rows` (D, 3 m) and `columns` (N, k, 3) as in `Factor`, with
+    grad N_a for r_a; `matrix` (D, 9, 9). It may be indefinite."""
+
+    rows: Array
+    columns: Array
+    matrix: Array
+
+    def apply(self, vector: Array, spots: Array, owners: Array) -> Array:
+        """The term times (N, 3)."""
+        slopes = self.rows.reshape(*spots.shape, 3)
+        gradient = jnp.einsum("dmi,dmj->dij", vector[spots], slopes)
+        stress = jnp.einsum("dab,db->da", self.matrix, gradient.reshape(-1, 9)).reshape(-1, 3, 3)
+        return jnp.einsum("nkj,nkij->ni", self.columns, stress[owners])
+
+
 class Factor(Pytree):
     """B' W B, with B v the divergence of v over each domain, sum_a r_a . v_a; in solver order.
 
     `rows` (D, 3 m): r_a of each domain, beside their nodes `spots` (D, m); `columns` (N, k, 3): the same node by node,
     beside the domains they belong to, `owners` (N, k); `weight` (D,). `spin` (D, 3, 3) or None: with it the sum over b
-    of r_a x spin (r_b x v_b) is added. `shared`: a further term, on the means over clusters.
+    of r_a x spin (r_b x v_b) is added. `shared`: a further term, on the means over clusters. `bend`: one on gradients.
     """
 
     rows: Array
@@ -47,6 +63,7 @@ class Factor(Pytree):
     weight: Array
     spin: Array | None = None
     shared: ClusterTerm | None = None
+    bend: Bend | None = None
 
     def divergence(self, vector: Array) -> Array:
         """B v: (N, 3) -> (D,)."""
@@ -64,6 +81,8 @@ class Factor(Pytree):
             clusters = self.shared.clusters
             stress = stress + clusters.spread(self.shared.weight * clusters.mean(change))
         product = self.gradient(stress)
+        if self.bend is not None:
+            product = product + self.bend.apply(vector, self.spots, self.owners)
         return product if self.spin is None else product + self._turned(vector)
 
     def _turned(self, vector: Array) -> Array:
@@ -74,11 +93,11 @@ class Factor(Pytree):
 
     @property
     def diagonal_blocks(self) -> Array:
-        """(N, 3, 3), without the spin and without clusters."""
+        """(N, 3, 3), without the spin, the bend and clusters."""
         return jnp.einsum("nki,nkj,nk->nij", self.columns, self.columns, self.weight[self.owners])
 
     def galerkin(self, modes: Array) -> Array:
-        """Z' (B' W B) Z, (6 G, 6 G), for the modes (G, 3 size, 6) of node groups; without spin and clusters."""
+        """Z' (B' W B) Z, (6 G, 6 G), for the modes (G, 3 size, 6) of node groups; without spin, bend and clusters."""
         flat = self.on_modes(modes)
         return flat.T @ (self.weight[:, None] * flat)
 

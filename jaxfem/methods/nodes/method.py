@@ -10,7 +10,8 @@ import jax.numpy as jnp
 from jaxfem.methods.base import Facts, Solved
 from jaxfem.methods.by_rows import Impulses, RowMethod
 from jaxfem.methods.nodes.bounded import pair_gradient, solve_bounded, solve_pair_tangent
-from jaxfem.methods.nodes.condensed import coarse_of, solve_condensed, solve_linear
+from jaxfem.methods.nodes.condensed import coarse_of, linearised, solve_condensed, solve_linear
+from jaxfem.methods.nodes.rounds import solve_in_rounds
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
@@ -33,9 +34,11 @@ class Prepared(Pytree):
 @dataclasses.dataclass(frozen=True)
 class Condensed(RowMethod):
     """Conjugate gradients on the nodes (see `condensed.py`); with extra rows a semismooth Newton method around them
-    (see `bounded.py`). For scenes with soft bodies."""
+    (see `bounded.py`), and Newton's around both where a law is not linear (see `rounds.py`). For scenes with soft
+    bodies."""
 
     name: ClassVar[str] = "condensed"
+    nonlinear: ClassVar[bool] = True
     guarded: ClassVar[bool] = True
 
     def refuses(self, facts: Facts) -> str | None:
@@ -94,16 +97,20 @@ class VelocityCondition:
 
     def solve(self, inputs: Prepared, guess: Any) -> tuple[Array, Any]:
         """From the last velocities; no impulses are formed."""
+        if inputs.system.nonlinear:
+            (unknown, _), info = solve_in_rounds(inputs.system, inputs.coarse, (guess, None))
+            return unknown, (info, None)
         unknown, info = solve_condensed(inputs.system, inputs.coarse, guess)
         return unknown, (info, None)
 
     def tangent_solve(self, inputs: Prepared, unknown: Array, right: Array, matvec: Any) -> Array:
         """With the same matrix, whatever way the solution was found."""
 
-        def solve(given: Prepared, right: Array) -> tuple[Array, SolveInfo]:
-            return solve_linear(given.system, given.coarse, right)
+        def solve(given: tuple[Prepared, Array], right: Array) -> tuple[Array, SolveInfo]:
+            inputs, unknown = given
+            return solve_linear(linearised(inputs.system, merged(inputs.system, unknown)), inputs.coarse, right)
 
-        return or_nan(*unless_zero(solve, inputs, right))
+        return or_nan(*unless_zero(solve, (inputs, unknown), right))
 
 
 @dataclasses.dataclass(frozen=True)
@@ -118,8 +125,11 @@ class PairCondition:
 
     def solve(self, inputs: Prepared, guess: Any) -> tuple[Any, Any]:
         """From the last velocities and impulses."""
+        if inputs.system.nonlinear:
+            return solve_in_rounds(inputs.system, inputs.coarse, guess)
         return solve_bounded(inputs.system, inputs.coarse, guess)
 
     def tangent_solve(self, inputs: Prepared, unknown: Any, right: Any, matvec: Any) -> Any:
         """With the rows at a bound held there."""
-        return solve_pair_tangent(inputs.system, inputs.coarse, unknown, right, matvec)
+        system = linearised(inputs.system, merged(inputs.system, unknown[0]))
+        return solve_pair_tangent(system, inputs.coarse, unknown, right, matvec)

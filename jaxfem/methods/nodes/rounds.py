@@ -1,0 +1,188 @@
+"""Steps of laws that are not linear: Newton's method with a line search, around the solve of a linear one.
+
+A step makes Phi(v) = 1/2 (v - v*)' M (v - v*) + sum of the laws' energies small, rows of joints and contacts beside.
+Each round solves the step with every law's stress linearised at the last v; the way towards that solution is halved
+until Phi less the work of the rows' impulses falls (Armijo). The exact tangent is tried first; where the solve meets
+negative curvature it is taken again with the tangent made definite, on the domains that are not.
+"""
+
+from collections import OrderedDict
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.batching import lanes_in_turn
+from jaxfem.methods.nodes.bounded import solve_bounded
+from jaxfem.methods.nodes.condensed import linearised, solve_linear
+from jaxfem.pytrees import Pytree
+from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.soft import System, merged, momentum_objective
+
+Array = jax.Array
+Impulses = OrderedDict[str, Array]
+
+TRIALS = 200
+SHORTEST = 2.0**-24
+DESCENT = 1e-4
+FIRST_DIGITS, MOST_DIGITS = 1e-2, 1e-6
+"""Relative residuals to which a round is solved: the first, and the least that any is asked for."""
+
+
+class _Point(Pytree):
+    """Velocities of free triples and impulses of the extra rows, with `energy` Phi and the momentum left, `gradient`
+    (its norm `size`); `iterations` and rounds so far."""
+
+    velocities: Array
+    impulses: Any
+    energy: Array
+    gradient: Array
+    size: Array
+
+
+class _Search(Pytree):
+    """A point, the way from it to the solution of its linear step, and how much of that way is tried next."""
+
+    here: _Point
+    direction: Array
+    towards: Any  # impulses there
+    slope: Array  # of Phi less the work of those impulses, along the way
+    work: Array  # of those impulses along the way
+    length: Array
+    fresh: Array  # whether the trial is the point itself: it always passes
+    definite: Array
+    start: Array  # the first residual, and what ends the search
+    target: Array
+    least: Array
+    iterations: Array
+    weak: Array
+    trials: Array
+    status: Array
+
+
+@lanes_in_turn
+def solve_in_rounds(system: System, coarse: Array, guess: Any) -> tuple[Any, SolveInfo]:
+    """((velocities of the free triples (n, 3), impulses of the extra rows or None), info) from such a guess."""
+
+    def trip(s: _Search) -> _Search:
+        there = _point(system, *_between(s))
+        good = s.fresh | _accepted(s, there)
+        here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
+        s = s.replace(here=here, trials=s.trials + 1)
+        status = _judged(system, s, good)
+        s = s.replace(least=jnp.minimum(s.least, here.size))
+        halved = s.replace(status=status, fresh=jnp.bool_(False), length=s.length / 2)
+        again = good & (status == int(Status.ITERATION_LIMIT))
+        following: _Search = jax.lax.cond(again, lambda s: _directed(system, coarse, s), lambda s: s, halved)
+        return following
+
+    def running(s: _Search) -> Array:
+        left = (s.iterations < system.max_iterations) & (s.trials < TRIALS)
+        return (s.status == int(Status.ITERATION_LIMIT)) & left
+
+    end = jax.lax.while_loop(running, trip, _begun(system, guess))
+    relative = end.here.size / jnp.where(end.start > 0, end.start, 1)
+    info = SolveInfo(end.status, end.iterations, relative, end.weak)
+    return (end.here.velocities, end.here.impulses), info
+
+
+def _begun(system: System, guess: Any) -> _Search:
+    velocities, impulses = guess
+    start, dtype = velocities * system.free[:, None], velocities.dtype
+    blank = jax.tree.map(
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(lambda: _point(system, start, impulses))
+    )
+    zero, infinite = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
+    none, limit, yes, no = jnp.int32(0), jnp.int32(Status.ITERATION_LIMIT), jnp.bool_(True), jnp.bool_(False)
+    here = blank.replace(velocities=start, impulses=impulses, size=infinite)
+    still = jnp.zeros_like(start)
+    one = jnp.ones((), dtype)
+    return _Search(
+        here, still, impulses, zero, zero, one, yes, no, infinite, infinite, infinite, none, none, none, limit
+    )
+
+
+def _between(s: _Search) -> tuple[Array, Any]:
+    impulses = jax.tree.map(lambda old, new: old + s.length * (new - old), s.here.impulses, s.towards)
+    return s.here.velocities + s.length * s.direction, impulses
+
+
+def _point(system: System, velocities: Array, impulses: Any) -> _Point:
+    energy, gradient = momentum_objective(system, velocities)
+    left = gradient - _pushed(system, impulses)
+    return _Point(velocities, impulses, energy, gradient, jnp.linalg.norm(left))
+
+
+def _pushed(system: System, impulses: Any) -> Array:
+    """J' lam of the extra rows on free triples, (n, 3)."""
+    total = jnp.zeros_like(system.target)
+    for name, rows in system.extra.items():
+        total = total + rows.apply_transpose(impulses[name])
+    return jnp.where(system.free[:, None] > 0, total, 0)
+
+
+def _accepted(s: _Search, there: _Point) -> Array:
+    """Whether a trial lowers Phi less the rows' work enough or, at rounding level, the momentum that is left."""
+    change = there.energy - s.here.energy - s.length * s.work
+    slope = s.length * s.slope
+    noise = 16 * jnp.finfo(change.dtype).eps * (jnp.abs(there.energy) + jnp.abs(s.here.energy) + jnp.abs(s.work))
+    flat = jnp.abs(slope) <= noise
+    finite = jnp.isfinite(there.size) & jnp.isfinite(there.energy)
+    calmer = there.size < s.here.size
+    return finite & jnp.where(flat, calmer | (change <= DESCENT * slope), change <= DESCENT * slope)
+
+
+def _judged(system: System, s: _Search, good: Array) -> Array:
+    """The status after a trial: done, lost, or on the way."""
+    first = s.trials == 1
+    start = jnp.where(first, s.here.size, s.start)
+    target = jnp.where(first, jnp.maximum(system.tolerance * start, system.floor), s.target)
+    size, noise = s.here.size, jnp.zeros_like(start) if system.noise is None else system.noise
+    # With rows beside, a solve must have seen them, and the whole way to it must have been gone.
+    seen = (s.length == 1) & ~first if system.extra else jnp.bool_(True)
+    # At rest forces cancel: what the rounding of positions makes of them cannot be solved away.
+    done = good & seen & ((size <= target) | ((size <= noise) & ~first & (size > 0.5 * s.least)))
+    stuck = ~good & (s.length < SHORTEST)
+    lost = jnp.where(size <= jnp.maximum(noise, target), int(Status.CONVERGED), int(Status.NO_DESCENT))
+    status = jnp.where(stuck, lost, s.status)
+    status = jnp.where(first & ~jnp.isfinite(size), int(Status.NOT_FINITE), status)
+    return jnp.where(done, int(Status.CONVERGED), status).astype(jnp.int32)
+
+
+def _directed(system: System, coarse: Array, s: _Search) -> _Search:
+    """The search from its point towards the solution of the step linearised there."""
+    here = s.here
+    first = ~jnp.isfinite(s.start)
+    start = jnp.where(first, here.size, s.start)
+    target = jnp.where(first, jnp.maximum(system.tolerance * start, system.floor), s.target)
+    linear = linearised(system, merged(system, here.velocities), s.definite)
+    linear = linear.replace(max_iterations=system.max_iterations - s.iterations, floor=0.3 * target)
+    if system.extra:
+        (found, towards), info = solve_bounded(linear, coarse, (here.velocities, here.impulses), here.gradient)
+        direction = found - here.velocities
+    else:
+        # No more digits than the next round will correct (Eisenstat & Walker 1996): it converges quadratically.
+        digits = jnp.clip(here.size / start, MOST_DIGITS, FIRST_DIGITS).astype(start.dtype)
+        linear = linear.replace(tolerance=digits)
+        (found, info), towards = solve_linear(linear, coarse, -here.gradient, linear.floor), here.impulses
+        direction = found * system.free[:, None]
+    pushed = _pushed(system, towards)
+    work, slope = jnp.vdot(pushed, direction), jnp.vdot(here.gradient - pushed, direction)
+    solved = (info.status == int(Status.CONVERGED)) | (info.status == int(Status.ITERATION_LIMIT))
+    usable = solved & jnp.isfinite(direction).all() & (slope <= 0)
+    # Where the exact tangent is of no use the same point is tried with a definite one.
+    status = jnp.where(usable | ~s.definite, s.status, jnp.where(solved, int(Status.NO_DESCENT), info.status))
+    return s.replace(
+        direction=jnp.where(usable, direction, 0),
+        towards=jax.tree.map(lambda new, old: jnp.where(usable, new, old), towards, here.impulses),
+        slope=jnp.where(usable, slope, 0),
+        work=jnp.where(usable, work, 0),
+        length=jnp.ones_like(s.length),
+        fresh=~usable,
+        definite=~usable,
+        start=start,
+        target=target,
+        iterations=s.iterations + info.iterations,
+        weak=info.weakly_active,
+        status=status.astype(jnp.int32),
+    )
