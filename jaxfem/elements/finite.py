@@ -123,7 +123,10 @@ def slope(domains: Domains, material: LawMaterial, drag: Drag | None, gradient: 
 def curvature(
     domains: Domains, material: LawMaterial, drag: Drag | None, gradient: Array, definite: Any, scale: Any = 1.0
 ) -> Curvature:
-    """The second derivative of the energy, or its `definite` neighbour: a bool, or a flag () of the program."""
+    """The second derivative of the energy; `definite`: the share () of its way to its definite neighbour, 0 to 1.
+
+    As a number of Python, 0 and 1 have programs of their own.
+    """
     law = law_of(domains)
     if domains.volumetric:
         return _volumetric_curvature(domains, material, drag, gradient, definite, scale)
@@ -131,10 +134,13 @@ def curvature(
     terms = (material.values, material.bulk(domains))
     rest = (material.internal, material.dt)
     whole = tangent_of(lambda h: law.density(*terms, h, *rest), gradient)
-    if definite is not False:
-        whole = jax.lax.cond(
-            definite, lambda exact: law.definite(exact, *terms, gradient, *rest), lambda exact: exact, whole
-        )
+    if not isinstance(definite, int) or definite:
+
+        def moved(exact: Array) -> Array:
+            found: Array = exact + definite * (law.definite(exact, *terms, gradient, *rest) - exact)
+            return found
+
+        whole = jax.lax.cond(definite > 0, moved, lambda exact: exact, whole)
     if drag is not None:
         whole = whole + _drag_tangent(domains, material, drag)
     return Curvature(volumes * whole)
@@ -156,11 +162,10 @@ def _volumetric_curvature(
         pressure = pressure + stiffness * material.damping * rate
         weight = stiffness * (1 + material.damping * drag.share)
     along = slope_of(dilation, gradient)
-    if definite is True:
+    if isinstance(definite, int) and definite == 1:
         return Curvature(slope=along, weight=weight)
     spread = pressure if domains.clusters is None else domains.clusters.spread(pressure)
-    spread = jnp.where(definite, 0, spread)
-    return Curvature(slope=along, weight=weight, bend=spread * tangent_of(dilation, gradient))
+    return Curvature(slope=along, weight=weight, bend=(1 - definite) * spread * tangent_of(dilation, gradient))
 
 
 def force(domains: Domains, stress: Array, nodes: int) -> Array:

@@ -49,8 +49,7 @@ class LawRows(Pytree):
         return self.objective_and_impulse(velocities)[1]
 
     def tangent(self, velocities: Array, definite: Any) -> "TangentRows":
-        """How the impulses change with v at `velocities`; `definite`: a bool, or a flag () of the program, with which
-        the tangent loses its negative eigenvalues."""
+        """How the impulses change with v at `velocities`; `definite`: see `curvature`."""
         at = self._gradient(velocities)
         found = curvature(self.domains, self.material, self.drag, at, definite, self.scale)
         return TangentRows(self.domains, self.rotation, self.reach, found)

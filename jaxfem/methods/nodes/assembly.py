@@ -159,7 +159,7 @@ def assemble_tangent(
     factors: list[Factor] = []
     for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
         if isinstance(material, LawMaterial):
-            found = curvature(each, material, None, displacement_gradient(each, positions), definite=not exact)
+            found = curvature(each, material, None, displacement_gradient(each, positions), definite=int(not exact))
             sums, factors = _with_law(sums, factors, each, found, 1.0, free, pattern, number)
             continue
         lam, mu = _lame(each, material)

@@ -23,7 +23,7 @@ def condensed_matrix(system: System) -> BlockMatrix:
     return assemble_rows(system.elastic, mass, free, system.pattern, system.shared_mass)
 
 
-def linearised(system: System, velocities: Array | None = None, definite: Any = False) -> System:
+def linearised(system: System, velocities: Array | None = None, definite: Any = 0) -> System:
     """The system with the tangent of each law that is not linear, made at `velocities` (n, 3) of all triples.
 
     None: where they are zero. `definite`: see `LawRows.tangent`. Nothing is done where all laws are linear.
