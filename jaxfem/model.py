@@ -17,9 +17,12 @@ from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
-from jaxfem.ranges import ranged, within
-from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
+from jaxfem.ranges import within
+from jaxfem.rigid.dynamics import RigidParams, RigidSet
 from jaxfem.schemes import Scheme
+from jaxfem.state import Carry as Carry
+from jaxfem.state import State as State
+from jaxfem.state import StepInfo as StepInfo
 
 Array = jax.Array
 
@@ -55,39 +58,6 @@ class Params(Pytree):
         if own:
             changes["constants"] = {**changes.get("constants", self.constants), **own}
         return super().replace(**changes)
-
-
-class Carry(Pytree):
-    """What rounding dropped of places of `nodes` (n, 3) and rigid bodies' `centers` (b, 3) [m], and of `time` [s]."""
-
-    nodes: Array
-    centers: Array | None
-    time: Array
-
-
-class State(Pytree):
-    """Where everything is: `positions` (n, 3) [m] and `velocities` (n, 3) [m/s] of all nodes, `time` () [s].
-
-    `accelerations` (n, 3) [m/s^2] belong to the second-order scheme; None where they are unknown, as at the start: the
-    next step then takes those that the forces give. Set them to None after moving a body by hand.
-    `rigid`: poses and velocities of rigid bodies, None without them. `memory`: what the method keeps from one step to
-    the next, its own affair; `jf.impulses` reads the impulses in it. It starts the solver, and affects a solution only
-    through geometric stiffness, where a joint's pull on a rigid body is so strong that it must be treated implicitly
-    (see `system/coupled.py`), and through the force that a body feels as it is struck (see `system/impacts.py`).
-    `internal`: what materials with a memory remember, one entry for each kind of domains; None without such materials.
-    `carry`: digits that single precision drops in short steps; None in double. `account`: energy that steps book, by
-    kind [J] (see `with_account`); None where no account is kept.
-    """
-
-    positions: Array = dataclasses.field(metadata=within())
-    velocities: Array = dataclasses.field(metadata=within())
-    time: Array = dataclasses.field(metadata=within())
-    memory: Any = dataclasses.field(default=None, metadata=ranged(None))
-    accelerations: Array | None = dataclasses.field(default=None, metadata=within())
-    rigid: RigidState | None = None
-    internal: Any = dataclasses.field(default=None, metadata=within())
-    carry: Carry | None = dataclasses.field(default=None, metadata=ranged(None))
-    account: dict[str, Array] | None = dataclasses.field(default=None, metadata=ranged(None))
 
 
 class Method(Protocol):
@@ -217,29 +187,6 @@ class Model(Pytree):
     def body_nodes(self, name: str) -> Array:
         """Indices of the nodes of the body `name`; host side."""
         return jnp.flatnonzero(self.node_body == self.bodies.index(name))
-
-
-class StepInfo(Pytree):
-    """How a step went: `status` (see `jaxfem.solvers.describe`), `iterations`, relative `residual`, counts of rows
-    exactly at a bound (`weakly_active`, where derivatives are one-sided) and of `inverted` elements after the step.
-
-    `scheme_damping`: damping ratio that the time scheme itself gives to the frequencies that `prepare` was given, in
-    their shape; None without them. `substeps`: in how many parts the step was taken, where `rollout` takes failed ones
-    again in halves; else None. `spin_loss`: the largest share of its angular momentum that a soft body which
-    nothing holds lost, loads apart, to the time scheme or to what it touches; None where there is no such body.
-    `counts`: how many domains of strain a law with a memory reports something of, by its word, such as "at_yield": at
-    the edge of yield, where derivatives are one-sided; None where no law counts anything.
-    """
-
-    status: Array
-    iterations: Array
-    residual: Array
-    weakly_active: Array
-    inverted: Array
-    scheme_damping: Array | None = None
-    substeps: Array | None = None
-    spin_loss: Array | None = None
-    counts: dict[str, Array] | None = None
 
 
 def per_element(model: Model, value: Array) -> Array:

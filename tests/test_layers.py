@@ -16,6 +16,7 @@ LAYERS = [
     ["solvers", "mesh", "materials"],
     ["schemes", "motion", "loads"],
     ["elements", "rigid"],
+    ["state"],
     ["model", "rows"],
     ["declared"],
     ["system", "energies"],

@@ -52,12 +52,11 @@ def step_materials(
     values = element_constants(model, params)
     made = []
     for each, plain, internal in zip(model.domains, materials, state.internal, strict=True):
+        # Strain and rate are taken the share `follow` of the step after its start.
+        later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
         if isinstance(plain, LawMaterial):
-            # Strain and rate are taken the share `follow` of the step after its start.
-            later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
             plain = plain.replace(internal=internal, dt=later)
         elif internal is not None:
-            later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
             (volumetric, deviatoric), offset = each.law.response(
                 domain_values(each, values), internal, later, each.rows
             )
