@@ -3,8 +3,7 @@
 One set of constants a law: relaxed Young's modulus, share and time of each branch, fitted to gravity.csv from the
 release until it has long settled, at 5 ms. No beta beside them: one take rings at one frequency and cannot tell the two
 apart, and beta's damping ratio grows with the frequency, where that of the beam does not. Then the loaded takes are
-predicted: settled tips by statics, frequency and damping ratio with the weight as a ball on a rope
-(`real_beam_weight.py`).
+predicted: settled tips by statics, frequency and damping ratio with the weight as a ball (`real_beam_weight.py`).
 """
 
 import numpy as np
