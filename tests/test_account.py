@@ -21,14 +21,14 @@ LAWS = {
 COUNTS = (40, 80, 160)
 
 
-def pulled(law, scheme, strain="element", driven=False):
+def pulled(law, scheme, strain="element", driven=False, **settings):
     """A block under its weight, a traction and a pressure, clamped or shaken at one side."""
     mesh = jf.mesh.box((0.1, 0.05, 0.05), 1)
     loads = [jf.Traction("x+", (0.0, 60.0, 0.0)), jf.Pressure("z+", 40.0)]
     shaken = [jf.Driven("x-", jf.Motion(amplitude=(0.0, 0.0, 2e-3), frequency=3.0, phase=np.pi / 2))]
     held = {"driven": shaken} if driven else {"fixed": "x-"}
     body = jf.SoftBody(mesh, density=1e3, material=LAWS[law], loads=loads, strain=strain, **held)
-    model, params, state = jf.build(jf.Scene([body]), scheme=scheme, tolerance=1e-12)
+    model, params, state = jf.build(jf.Scene([body]), scheme=scheme, **{"tolerance": 1e-12, **settings})
     return model, params, jf.with_account(model, params, state)
 
 
@@ -74,6 +74,18 @@ def test_the_sum_of_all_energies_is_constant_to_the_schemes_order(law, scheme, d
     own = {"viscoelastic": "viscous", "creep_plastic": "plastic"}.get(law)
     assert set(last.booked) == {"loads", "damping"} | ({"supports"} if driven else set()) | ({own} if own else set())
     assert own is None or float(last.booked[own]) > 0.005 * moved
+
+
+@pytest.mark.parametrize("law", ["viscoelastic", "creep_plastic"])
+def test_single_precision_stays_single(law):
+    model, params, state = pulled(law, "backward_euler", dtype=jnp.float32, tolerance=1e-5)
+    states, info = jf.rollout(model, params, state, 1e-3, 20)
+    assert not info.status.any()
+    leaves = jax.tree.leaves((states, jf.energies(model, params, jax.tree.map(lambda leaf: leaf[-1], states))))
+    assert {str(leaf.dtype) for leaf in leaves if jnp.issubdtype(leaf.dtype, jnp.inexact)} == {"float32"}
+    double = jf.rollout(*pulled(law, "backward_euler"), 1e-3, 20)[0]
+    np.testing.assert_allclose(states.positions[-1], double.positions[-1], atol=2e-6)
+    np.testing.assert_allclose(states.account["loads"], double.account["loads"], rtol=1e-3, atol=1e-8)
 
 
 def test_states_without_an_account_carry_none():

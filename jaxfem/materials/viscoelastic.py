@@ -146,15 +146,17 @@ class Viscoelastic(Material, word="viscoelastic"):
     def stored(self, values: Values, internal: Relaxing, weights: Array, rows: slice) -> Array:
         """That of the branches' springs."""
         weights = weights[len(weights) - len(internal.strain) :]
-        pairs = zip(self._branches(values), internal.springs, strict=True)
-        return sum((0.5 * g * jnp.sum(weights * spring**2, axis=0) for (g, _), spring in pairs), start=jnp.zeros(()))
+        stored = jnp.zeros_like(weights[0])
+        for (g, _), spring in zip(self._branches(values), internal.springs, strict=True):
+            stored = stored + 0.5 * g * jnp.sum(weights * spring**2, axis=0)
+        return stored
 
     def dissipated(
         self, values: Values, before: Relaxing, after: Relaxing, strain: Array, weights: Array, dt: Array, rows: slice
     ) -> dict[str, Array]:
         """That of the dashpots, g_i D s_i^2 / tau_i over the step, exactly for a constant strain rate."""
         weights = weights[len(weights) - len(before.strain) :]
-        change, lost = after.strain - before.strain, jnp.zeros(())
+        change, lost = after.strain - before.strain, jnp.zeros_like(weights[0])
         for (g, tau), spring in zip(self._branches(values), before.springs, strict=True):
             old, both, new = lost_shares(dt / tau)
             square = old * spring**2 + 2 * both * spring * change + new * change**2
