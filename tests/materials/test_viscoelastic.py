@@ -176,6 +176,21 @@ def test_it_creeps_to_the_relaxed_shape_and_starts_as_told():
         jf.with_memory(*scene, "old")
 
 
+@pytest.mark.slow
+def test_bodies_that_are_struck_take_their_step_by_another_scheme():
+    """Some domains are then asked at the end of the step, others within it: with no share, all as the linear law."""
+    mesh = jf.mesh.box((0.1, 0.1, 0.1), 1, origin=(0, 0, 0.005))
+    ends = []
+    for law in (jf.Linear(**ELASTIC), law_of("deviatoric", [(0.0, 0.02)]), law_of("deviatoric", [(0.5, 0.02)])):
+        body = jf.SoftBody(mesh, density=1e3, material=law)
+        scene = jf.Scene([body], contacts=[jf.Contact(body, jf.Plane())])
+        states, info = jf.rollout(*jf.build(scene, scheme="generalized_alpha", tolerance=1e-11), 5e-3, 20)
+        assert not info.status.any()
+        ends.append(np.asarray(states.positions))
+    np.testing.assert_allclose(ends[1], ends[0], atol=1e-10)
+    assert np.abs(ends[2] - ends[0]).max() > 1e-6
+
+
 def test_single_precision_keeps_up_with_double():
     ends = [
         jf.rollout(*block(law_of("deviatoric"), dtype=dtype, tolerance=tol), 1e-2, 8)[0].positions
