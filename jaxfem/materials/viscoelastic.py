@@ -13,6 +13,7 @@ from typing import Any, ClassVar, NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.materials.base import Material, Pair, Response, Values
 from jaxfem.materials.constants import Constant, MaterialError
@@ -57,9 +58,9 @@ class Viscoelastic(Material, word="viscoelastic"):
         part: str = "deviatoric",
         **given: Any,
     ):
-        if not isinstance(branches, int):
+        if not isinstance(branches, int | np.integer):
             pairs = list(branches)
-            if any(not isinstance(each, Sequence) or len(each) != 2 for each in pairs):
+            if any(not isinstance(each, Sequence | np.ndarray) or len(each) != 2 for each in pairs):
                 raise MaterialError(f"branches is {branches!r}; give pairs (g, tau), like [(0.1, 0.02), (0.05, 1.0)]")
             named = [(f"{word}_{k}", v) for k, pair in enumerate(pairs, 1) for word, v in zip(NAMES, pair, strict=True)]
             given, branches = {**dict(named), **given}, len(pairs)
@@ -67,7 +68,7 @@ class Viscoelastic(Material, word="viscoelastic"):
             raise MaterialError(f"branches is {branches!r}; give how many branches relax, 0 or more")
         if part not in PARTS:
             raise MaterialError(f"part is {part!r}; what relaxes is one of {', '.join(map(repr, PARTS))}")
-        super().__init__(young=young, poisson=poisson, damping=damping, branches=branches, part=part, **given)
+        super().__init__(young=young, poisson=poisson, damping=damping, branches=int(branches), part=part, **given)
 
     @classmethod
     def constants_of(cls, options: Mapping[str, Any]) -> tuple[Constant, ...]:

@@ -240,6 +240,7 @@ def test_scene_files_give_any_number_of_branches(tmp_path):
 
 
 def test_what_cannot_be_is_refused():
+    assert law_of(branches=np.array(BRANCHES)) == law_of() and law_of(branches=np.int64(0)).branches == 0
     for given, text in (
         ({"branches": -1}, "branches is -1; give how many branches relax, 0 or more"),
         ({"branches": [0.1, 0.2]}, "give pairs"),
