@@ -11,6 +11,7 @@ from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.creeping import CreepPlastic
+from jaxfem.materials.j2_plastic import J2Plastic
 from jaxfem.materials.linear import Linear
 from jaxfem.materials.mooney_rivlin import MooneyRivlin
 from jaxfem.materials.neo_hookean import NeoHookean
@@ -48,6 +49,7 @@ __all__ = [
     "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
+    "J2Plastic",
     "Linear",
     "Material",
     "MaterialError",

@@ -68,11 +68,32 @@ def _polar(F: Components) -> Components:
 def _polar_jvp(primals: tuple[Components], tangents: tuple[Components]) -> tuple[Components, Components]:
     (F,), (dF,) = primals, tangents
     R = _polar(F)
+    return R, _turning(F, R, dF)
+
+
+@jax.custom_jvp
+def known_rotation(F: Components, R: Components) -> Components:
+    """`R`, the nearest rotation of `F` as `polar_components` found it, with its derivatives in F, of any order.
+
+    For kernels that are differentiated more than once: it is not looked for again.
+    """
+    return R
+
+
+@known_rotation.defjvp
+def _known_rotation_jvp(primals: tuple[Any, Any], tangents: tuple[Any, Any]) -> tuple[Components, Components]:
+    (F, R), (dF, _) = primals, tangents
+    R = known_rotation(F, R)
+    return R, _turning(F, R, dF)
+
+
+def _turning(F: Components, R: Components, dF: Components) -> Components:
+    """dR of the nearest rotation R of F."""
     S, T = (_transpose_product(R, _scaled(m, _scale(F))) for m in (F, dF))
     # S = R'F is symmetric, R'dR = skew(w):  (tr(S) I - S) w = vex(R'dF - dF'R)
     b = (T[2][1] - T[1][2], T[0][2] - T[2][0], T[1][0] - T[0][1])
     w = _guarded_solve(_spin_matrix(S), b)  # dR = R skew(w), row by row:
-    return R, (_cross(R[0], w), _cross(R[1], w), _cross(R[2], w))
+    return _cross(R[0], w), _cross(R[1], w), _cross(R[2], w)
 
 
 def _spin_matrix(S: Components) -> Components:
