@@ -33,7 +33,7 @@ class Frame:
     `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`; of laws with a memory von Mises
     values of what they remember, like `von_mises_plastic_strain`; where a run asks for them the tensors `stress` [Pa],
     `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes. `parts`: what else there is to
-    see, by the names of `jaxfem.io.parts`."""
+    see, by the names of `jaxfem.io.parts`; a part that is empty is not there."""
 
     time: float
     positions: np.ndarray
@@ -150,7 +150,8 @@ class FrameWriter:
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
         row, places = {kind: float(value) for kind, value in energy.kinds.items()}, self.points.at(positions)
-        parts = {name: made for name, make in PARTS.items() if (made := make(self.shown, state, places)) is not None}
+        made = {name: make(self.shown, state, places) for name, make in PARTS.items()}
+        parts = {name: part for name, part in made.items() if part is not None and len(part.points)}
         paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
         self.saved.append(Saved(time, path, paths, row, places))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:

@@ -59,7 +59,7 @@ BODY: dict[str, Line] = {
     "rotate": ("{ axis = [0, 0, 1], degrees = 0, center = [0, 0, 0] }", "turned first"),
     "material": ('"linear"', "or one of those below"),
     "density": ("1000.0", "kg/m^3"),
-    "fixed": ('"x-"', "group, { box = [[..], [..]] }, { below = { x = 0.01 } }, { nodes = [0] }, or a list of these"),
+    "fixed": ("{ below = { x = 0.01 } }", 'or a group, "x-", { box = [[..], [..]] }, { nodes = [0] }, a list of these'),
     "velocity": ("[0.0, 0.0, 0.0]", "m/s, at the start"),
     "strain": ('"element"', f"or {', '.join(each for each in STRAINS if each != 'element')}: where Poisson's is high"),
     "rotation": ('"polar"', 'of the elements; or "gram_schmidt"'),
