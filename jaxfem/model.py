@@ -10,6 +10,7 @@ from jaxfem.elements.domains import DomainMaterial, Domains
 from jaxfem.elements.finite import material_of
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diagonal
 from jaxfem.elements.pattern import Pattern
+from jaxfem.elements.reshaping import Shaped
 from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
@@ -103,7 +104,7 @@ class Drifting(Pytree):
     soft: Array
 
 
-class Model(Pytree):
+class Model(Shaped):
     """Topology and configuration of a built scene; arrays are leaves, only flags are static.
 
     `elements`: all tetrahedra; `domains`: where strain is taken, one entry a kind. `rest` (n, 3) undeformed nodes [m],
@@ -116,8 +117,7 @@ class Model(Pytree):
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
-    holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it, from numbers that nothing on
-    the host has seen.
+    holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it.
     """
 
     rest: Array
@@ -149,15 +149,6 @@ class Model(Pytree):
     drifting: Drifting | None = None
     laws: tuple[Material, ...] = static(default=())
     reshaped: bool = static(default=False)
-
-    def replace(self, **changes: Any) -> Self:
-        """The same with some fields changed; of `rest` alone nothing follows, so it is refused."""
-        if "rest" in changes and "elements" not in changes:
-            raise ValueError(
-                "Model.replace(rest=...) would change no volume, mass or strain, and have derivatives of zero: use "
-                "jaxfem.rebuild(model, rest), which makes all that comes of the rest shape"
-            )
-        return super().replace(**changes)
 
     @property
     def constants(self) -> dict[str, Constant]:

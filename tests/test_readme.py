@@ -1,8 +1,11 @@
 """What the README and docs/ show is true: their code runs, files load, commands and folders exist."""
 
+import importlib.util
 import pathlib
 import re
 import shlex
+import subprocess
+import sys
 import tomllib
 
 import jax
@@ -20,6 +23,7 @@ from jaxfem.io.fit_files import load_fit
 ROOT = pathlib.Path(__file__).resolve().parents[1]
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
 PAGES = sorted((ROOT / "docs").rglob("*.md"))
+START, SCENES = ((ROOT / "docs" / name).read_text(encoding="utf-8") for name in ("start.md", "guide/scenes.md"))
 pages = pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 EXTRA_KEYS = ("jax_compilation_cache_dir", "jax_enable_compilation_cache", "jax_enable_x64")
 EXTRA_KEYS += ("jax_persistent_cache_min_compile_time_secs", "jax_persistent_cache_min_entry_size_bytes")
@@ -42,7 +46,7 @@ def settings():
 def files() -> dict[str, str]:
     """TOML blocks by the file name in their first line; those without one are parts of a file."""
     named = {}
-    for block in blocks("toml"):
+    for block in (*blocks("toml", START), *blocks("toml", SCENES)):
         name = re.fullmatch(r"# (\S+\.toml)", block.splitlines()[0])
         if name:
             named[name[1]] = block
@@ -74,19 +78,23 @@ def make_recording(path: pathlib.Path) -> None:
 
 
 @pytest.mark.slow
-def test_the_code_runs(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    make_recording(tmp_path / "recording.csv")
+def test_the_code_runs():
     names: dict = {}
-    for number, block in enumerate(blocks("python"), 1):
-        exec(compile(block, f"README.md, Python block {number}", "exec"), names)
-    assert names["heights"].shape == (64,) and not names["infos"].status.any()
-    values = names["result"].values
-    assert values["young"] == pytest.approx(2e5, rel=0.02) and values["damping"] == pytest.approx(3e-3, rel=0.1)
+    (block,) = blocks("python")
+    assert len(block.splitlines()) <= 18
+    exec(compile(block, "README.md", "exec"), names)
+    assert names["heights"].shape == (64,) and bool((names["heights"][1:] > names["heights"][:-1]).all())
+
+
+def test_the_readme_is_one_screen():
+    """What it is, a picture, two commands, some lines of Python, links."""
+    assert len(TEXT.splitlines()) < 60
+    for link in re.findall(r"\]\(([^)#:]+)\)", TEXT):
+        assert (ROOT / link).is_file(), link
 
 
 def test_the_files_load(tmp_path):
-    (tmp_path / "recording.csv").write_text(blocks("csv")[0])
+    (tmp_path / "recording.csv").write_text(blocks("csv", START)[0])
     for name, block in files().items():
         (tmp_path / name).write_text(block)
     assert set(files()) == {"beam.toml", "fit.toml"}
@@ -104,9 +112,46 @@ def test_the_code_of_a_page_runs(page, settings, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for name in ("HOME", "USERPROFILE"):
         monkeypatch.setenv(name, str(tmp_path))
+    if "recording.csv" in page.read_text(encoding="utf-8"):
+        make_recording(tmp_path / "recording.csv")
     names: dict = {"__name__": f"docs.{page.stem}"}
     for number, block in enumerate(blocks("python", page.read_text(encoding="utf-8")), 1):
         exec(compile(block, f"docs/{page.name}, Python block {number}", "exec"), names)
+    if page.stem == "start":
+        values = names["result"].values
+        assert names["heights"].shape == (64,)
+        assert values["young"] == pytest.approx(2e5, rel=0.02) and values["damping"] == pytest.approx(3e-3, rel=0.1)
+
+
+def test_links_between_pages_lead_somewhere():
+    """Those to pages that are made when the site is built aside."""
+    made = {"scene_files", "fit_files", "command_line", "python"}
+    for page in PAGES:
+        for link, _, anchor in re.findall(r"\]\(([^)#:]+\.(?:md|png))(#([\w-]+))?\)", page.read_text(encoding="utf-8")):
+            target = (page.parent / link).resolve()
+            if target.parent.name == "reference":
+                assert target.stem in made
+                continue
+            assert target.is_file(), (page.name, link)
+            if anchor:
+                heads = re.findall(r"^#+ (.*)$", target.read_text(encoding="utf-8"), re.MULTILINE)
+                assert anchor in {re.sub(r"[^\w-]", "", head.lower().replace(" ", "-")) for head in heads}, link
+
+
+def test_the_site_holds_every_page():
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8")
+    for page in PAGES:
+        assert f" {page.relative_to(ROOT / 'docs').as_posix()}" in nav, page
+
+
+@pytest.mark.skipif(importlib.util.find_spec("mkdocs") is None, reason="needs mkdocs: pip install 'jaxfem[docs]'")
+def test_the_site_builds_without_a_warning(tmp_path):
+    words = [sys.executable, "-m", "mkdocs", "build", "--strict", "--quiet", "--site-dir", str(tmp_path)]
+    ran = subprocess.run(words, cwd=ROOT, capture_output=True, text=True)
+    assert ran.returncode == 0, ran.stderr
+    python = (tmp_path / "reference" / "python" / "index.html").read_text(encoding="utf-8")
+    for name in jf.__all__:
+        assert name.startswith("_") or f"jaxfem.{name}" in python, name
 
 
 def test_every_toml_block_is_toml():
@@ -159,10 +204,9 @@ def test_the_architecture_page_names_every_layer():
 
 
 def test_the_tree_exists():
-    tree = TEXT[TEXT.index("## Layout") :]
-    inside = [
-        name for line in re.findall(r"^      (\S.*)$", tree, re.MULTILINE) for name in line.split("   ")[0].split()
-    ]
+    text = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    tree = text[text.index("## Layout") :]
+    inside = [name for line in re.findall(r"^  (\S.*)$", tree, re.MULTILINE) for name in line.split("   ")[0].split()]
     assert len(inside) > 15
     for name in inside:
         assert (ROOT / "jaxfem" / name).exists(), name

@@ -74,6 +74,7 @@ def run(args: argparse.Namespace) -> int:
     scene = _write_inputs(folder, args.cells, args.steps)
     print("1. simulating the beam with the true material", flush=True)
     simulation = argparse.Namespace(file=str(scene), out=str(folder / "simulated"), steps=None, no_plots=False)
+    simulation.force, simulation.resume = True, False
     code = simulate.run(simulation)
     if code:
         return code

@@ -11,6 +11,7 @@ import numpy as np
 from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
 from jaxfem.diagnose import diagnose, words
+from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status
@@ -55,8 +56,9 @@ class Run:
 def advance(run: Run, writer: FrameWriter) -> None:
     """Take all steps and write the frames; an interruption or a failed step ends it early and is noted in `run`."""
     try:
-        with Progress(run.steps) as bar:
-            writer.write(run.state)
+        with Progress(run.steps, done=run.done) as bar:
+            if not run.done:
+                _written(run, writer)
             while run.done < run.steps and not run.problem:
                 _chunk(run, writer, bar)
     except KeyboardInterrupt:
@@ -65,6 +67,9 @@ def advance(run: Run, writer: FrameWriter) -> None:
 
 def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
     count = min(run.every, run.steps - run.done)
+    fresh = count not in [steps for steps, _ in run.chunks]
+    if fresh:
+        bar.compiling()
     begun = time.perf_counter()
     made = rollout(
         run.model,
@@ -90,9 +95,15 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
         bar.clear()
         warning(_inversion(run, int(info.inverted), count, following))
         run.warned = True
-    writer.write(following)
     run.state, run.done = following, run.done + count
-    bar.advance(count, f"t = {run.done * run.dt:.4g} s")
+    _written(run, writer)
+    bar.advance(count, f"t = {run.done * run.dt:.4g} s", compiled=fresh)
+
+
+def _written(run: Run, writer: FrameWriter) -> None:
+    """A frame of the state, and the state itself, from which a run can go on."""
+    writer.write(run.state)
+    save_checkpoint(checkpoint_path(writer.index), run.state, run.done, run.dt, len(writer.saved))
 
 
 def _failed(state: State, info: StepInfo) -> bool:

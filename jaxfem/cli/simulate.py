@@ -10,9 +10,10 @@ import jax
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.running import Run, advance
 from jaxfem.energies import with_account
+from jaxfem.io.checkpoints import checkpoint_path, listed_frames, load_checkpoint
 from jaxfem.io.export import FrameWriter, read_frame
 from jaxfem.io.plots import PlotError, plot_energies, plot_series, plot_shapes, require_matplotlib
-from jaxfem.io.scene_files import SceneFile, load_scene
+from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 from jaxfem.mesh.topology import boundary_faces
 
 EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
@@ -26,6 +27,9 @@ def add(subparsers: Any) -> None:
     parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
     parser.add_argument("--steps", type=_positive, metavar="N", help="how many steps, instead of what [time] says")
     parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
+    again = parser.add_mutually_exclusive_group()
+    again.add_argument("--resume", action="store_true", help="go on where an earlier run of this file stopped")
+    again.add_argument("--force", action="store_true", help="replace the results of an earlier run")
     parser.set_defaults(run=run)
 
 
@@ -36,13 +40,21 @@ def run(args: argparse.Namespace) -> int:
         jax.config.update("jax_enable_x64", True)
     folder = Path(args.out) if args.out else file.folder
     plots = not args.no_plots and _can_plot()
+    index = folder / f"{file.source.stem}.pvd"
+    if not (args.resume or args.force):
+        _refuse_old(index)
     model, params, state = file.build()
     if model.bodies:
         state = with_account(model, params, state)
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
-    begun = time.perf_counter()
-    looks: dict[str, Any] = {"scene": file.scene, "dt": file.dt, "fields": file.fields}
-    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, **looks) as writer:
+    frames = 0
+    if args.resume:
+        job.state, job.done, frames = load_checkpoint(checkpoint_path(index), model, params, state, file.dt)
+    if job.done >= job.steps:
+        raise SceneFileError(f"{index} is of {job.done} steps already: give a longer duration, or --steps, to go on")
+    begun, looks = time.perf_counter(), _looks(file)
+    kept = frames if job.done else 0
+    with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, kept=kept, **looks) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun
     pictures = _plots(writer) if plots and writer.saved else []
@@ -52,6 +64,20 @@ def run(args: argparse.Namespace) -> int:
         error(job.problem)
     print(_summary(job, wall, writer, pictures, file))
     return EXIT_INTERRUPTED if job.interrupted else EXIT_FAILED if job.problem else 0
+
+
+def _looks(file: SceneFile) -> dict[str, Any]:
+    """What frames show beside the mesh."""
+    return {"scene": file.scene, "dt": file.dt, "fields": file.fields}
+
+
+def _refuse_old(index: Path) -> None:
+    """Refuse to write over the results of an earlier run."""
+    if index.is_file() and (frames := listed_frames(index)):
+        raise SceneFileError(
+            f"{index} lists {len(frames)} frames of an earlier run, to t = {frames[-1][0]:g} s: give --resume to go on "
+            "from there, --force to replace them, or --out FOLDER for another place"
+        )
 
 
 def _summary(job: Run, wall: float, writer: FrameWriter, pictures: list[Path], file: SceneFile) -> str:

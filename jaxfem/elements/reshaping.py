@@ -5,14 +5,29 @@ the topology is kept, and only numbers follow.
 """
 
 from collections.abc import Sequence
+from typing import Any, Self
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import Clusters, Domains
 from jaxfem.elements.tetra import Elements
+from jaxfem.pytrees import Pytree
 
 Array = jax.Array
+
+
+class Shaped(Pytree):
+    """Base of what has rest positions, `rest`, and `elements` and more that come of them."""
+
+    def replace(self, **changes: Any) -> Self:
+        """The same with some fields changed. ValueError for `rest` alone, of which nothing else would follow."""
+        if "rest" in changes and "elements" not in changes:
+            raise ValueError(
+                "replace(rest=...) would change no volume, mass or strain, and have derivatives of zero: use "
+                "jaxfem.rebuild(model, rest), which makes all that comes of the rest shape"
+            )
+        return super().replace(**changes)
 
 
 def reshaped_elements(elements: Elements, rest: Array) -> Elements:

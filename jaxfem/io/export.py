@@ -5,7 +5,6 @@ import csv
 import dataclasses
 import os
 import sys
-import xml.etree.ElementTree as ET
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 
 from jaxfem.declared.scene import Scene
 from jaxfem.energies import energies
+from jaxfem.io.checkpoints import listed_frames, trimmed_table
 from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
 from jaxfem.io.tracked import Tracked
@@ -33,7 +33,7 @@ class Frame:
     `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`; of laws with a memory von Mises
     values of what they remember, like `von_mises_plastic_strain`; where a run asks for them the tensors `stress` [Pa],
     `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes. `parts`: what else there is to
-    see, by the names of `jaxfem.io.parts`."""
+    see, by the names of `jaxfem.io.parts`; a part that is empty is not there."""
 
     time: float
     positions: np.ndarray
@@ -69,7 +69,8 @@ class FrameWriter:
     frames/NAME_00000_contacts.vtu and so on: joints, contacts, loads, tracked points, embedded surfaces and, where the
     `scene` is given, the surfaces of rigid bodies and ground; forces in them where the time step `dt` [s] is.
     `tensors`: whether frames hold stress and strain as tensors; `fields`: names of those that they hold, all without
-    it. energies.csv has what the states' account books too. Frames of an earlier run of that name are removed.
+    it. energies.csv has what the states' account books too. Frames of an earlier run of that name are removed, all but
+    the first `kept`, behind which the writer goes on.
     SceneError for a point outside every body or an unknown field.
     """
 
@@ -85,6 +86,7 @@ class FrameWriter:
         scene: Scene | None = None,
         dt: float | None = None,
         fields: Sequence[str] | None = None,
+        kept: int = 0,
     ) -> None:
         self.folder, self.name, self.model, self.params = Path(folder), name, model, params
         self.index = self.folder / f"{name}.pvd"
@@ -93,6 +95,7 @@ class FrameWriter:
         self.fields = None if fields is None else tuple(fields)
         self.shown = Shown(model, params, *surfaces(scene, model), dt)
         self.saved: list[Saved] = []
+        self.kept = kept
         self._last: dict[str, tuple[np.ndarray, Path]] = {}
         self._open = contextlib.ExitStack()
 
@@ -101,8 +104,10 @@ class FrameWriter:
         frames.mkdir(parents=True, exist_ok=True)
         for old in frames.glob(f"{self.name}_*.vtu"):
             number, _, part = old.stem[len(self.name) + 1 :].partition("_")
-            if number.isdigit() and (not part or part in PARTS):
+            if number.isdigit() and int(number) >= self.kept and (not part or part in PARTS):
                 old.unlink()
+        if self.kept:
+            self._recall()
         self._energy_row: Callable[[list[float]], None] | None = None  # its columns are the first state's
         self._point_row = None
         if self.points.names:
@@ -114,6 +119,19 @@ class FrameWriter:
             names = [f"{name}_{column}" for name in self.model.rigid.names for column in columns]
             self._rigid_row = self._table("rigid.csv", ["time_s", *names])
         return self
+
+    def _recall(self) -> None:
+        """What is kept of an earlier run: its frames from the index, their energies and points from the tables."""
+        head, rows = trimmed_table(self.folder / "energies.csv", self.kept)
+        kinds = [name.removesuffix("_J") for name in head[1:]]
+        energies = [dict(zip(kinds, row[1:].tolist(), strict=True)) for row in rows]
+        places = np.zeros((self.kept, len(self.points.names), 3))
+        if self.points.names:
+            places = trimmed_table(self.folder / "points.csv", self.kept)[1][:, 1:].reshape(places.shape)
+        if self.model.rigid is not None:
+            trimmed_table(self.folder / "rigid.csv", self.kept)
+        frames = listed_frames(self.index)[: self.kept]
+        self.saved = [Saved(*frame, row, place) for frame, row, place in zip(frames, energies, places, strict=True)]
 
     def __exit__(self, *problem: Any) -> None:
         self._open.close()
@@ -132,7 +150,8 @@ class FrameWriter:
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
         row, places = {kind: float(value) for kind, value in energy.kinds.items()}, self.points.at(positions)
-        parts = {name: made for name, make in PARTS.items() if (made := make(self.shown, state, places)) is not None}
+        made = {name: make(self.shown, state, places) for name, make in PARTS.items()}
+        parts = {name: part for name, part in made.items() if part is not None and len(part.points)}
         paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
         self.saved.append(Saved(time, path, paths, row, places))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
@@ -190,15 +209,17 @@ class FrameWriter:
             temporary.write_text("\n".join([head, *lines, "  </Collection>", "</VTKFile>", ""]), encoding="utf-8")
 
     def _table(self, name: str, columns: list[str]) -> Callable[[list[float]], None]:
-        """Open a CSV file with a header; returns what adds a row and flushes it."""
-        file = self._open.enter_context(open(self.folder / name, "w", newline="", encoding="utf-8"))
+        """Open a CSV file, with a header where it is new; returns what adds a row and flushes it."""
+        mode = "a" if self.kept else "w"
+        file = self._open.enter_context(open(self.folder / name, mode, newline="", encoding="utf-8"))
         writer = csv.writer(file, lineterminator="\n")
 
         def add(row: list[Any]) -> None:
             writer.writerow([value if isinstance(value, str) else f"{value:.9g}" for value in row])
             file.flush()
 
-        add(columns)
+        if not self.kept:
+            add(columns)
         return add
 
 
@@ -248,13 +269,10 @@ def read_frames(index: Any) -> list[Frame]:
     index = Path(index)
     if not index.is_file():
         raise FileNotFoundError(f"no index of frames {index}: give the .pvd file that a run wrote")
-    frames: list[Frame] = []
-    for entry in ET.parse(index).getroot().iter("DataSet"):
-        path, name = index.parent / entry.attrib["file"], entry.attrib.get("name", "bodies")
-        if entry.attrib.get("part", "0") == "0":
-            frames.append(read_frame(path, float(entry.attrib["timestep"])))
-        else:
-            frames[-1].parts[name] = _read_part(path)
+    frames = []
+    for time, path, parts in listed_frames(index):
+        frames.append(read_frame(path, time))
+        frames[-1].parts.update({name: _read_part(each) for name, each in parts.items()})
     return frames
 
 

@@ -57,12 +57,25 @@ class Shown:
 def shown_parts(frames: Sequence[Frame]) -> list[Shown]:
     """All parts of the frames."""
     found = [_soft(frames)] if frames[0].cells.shape[1] == 4 else []
-    for name in frames[0].parts:
-        each = [frame.parts[name] for frame in frames]
+    every = {name: part for frame in frames for name, part in frame.parts.items()}
+    for name in sorted(every, key=_order):
+        empty = _empty(every[name])  # what touches nothing for a while is not there
+        each = [frame.parts.get(name, empty) for frame in frames]
         found.append(_surface(name, each) if each[0].kind == "triangle" else _marks(name, each, frames))
     if not found:
         found.append(_marks("bodies", [_centers(frame) for frame in frames], frames))
     return found
+
+
+def _order(name: str) -> int:
+    return list(COLOURS).index(name) if name in COLOURS else len(COLOURS)
+
+
+def _empty(part: Part) -> Part:
+    """A part like another, of nothing."""
+    return dataclasses.replace(
+        part, points=part.points[:0], cells=part.cells[:0], nodal={name: each[:0] for name, each in part.nodal.items()}
+    )
 
 
 def quantised(places: np.ndarray, low: np.ndarray, span: np.ndarray) -> np.ndarray:

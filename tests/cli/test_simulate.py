@@ -44,7 +44,8 @@ def scene(tmp_path):
 
 
 def simulated(path, *options):
-    return main(["simulate", str(path), *options])
+    again = () if {"--resume", "--no-force"} & set(options) else ("--force",)
+    return main(["simulate", str(path), *again, *(option for option in options if option != "--no-force")])
 
 
 def rows(path):
@@ -97,6 +98,7 @@ def test_options(scene, tmp_path, capsys):
         "frames",
         "points.csv",
         "run.pvd",
+        "run.state.npz",
     ]
     with pytest.raises(SystemExit) as stop:
         simulated(scene(), "--steps", "0")

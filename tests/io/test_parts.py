@@ -10,6 +10,7 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.io import FrameWriter, read_frames
+from jaxfem.io.pages import write_page
 
 DT = 2e-3
 
@@ -118,3 +119,18 @@ def test_paraviews_reader_opens_all(written):
         grid = reader.GetOutput()
         assert reader.GetErrorCode() == 0 and grid.GetNumberOfPoints() > 0
         assert grid.GetNumberOfCells() > 0
+
+
+def test_what_touches_nothing_yet_is_no_part_and_the_page_shows_it_later(tmp_path):
+    ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 0.5), name="ball")
+    scene = jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane())])
+    model, params, state = jf.build(scene)
+    with FrameWriter(tmp_path, "drop", model, params, scene=scene, dt=DT) as writer:
+        for height in (0.5, 0.101):
+            centre = np.array([[0.0, 0.0, height]])
+            writer.write(state.replace(rigid=state.rigid.replace(positions=centre)))
+    above, near = read_frames(writer.index)
+    assert list(above.parts) == ["rigid", "ground"] and list(near.parts) == ["rigid", "ground", "contacts"]
+    np.testing.assert_allclose(near.parts["contacts"].nodal["gap"], [0.001], atol=1e-12)
+    path, count = write_page(tmp_path / "drop.html", [above, near], "drop")
+    assert count == 2 and '"contacts"' in path.read_text()

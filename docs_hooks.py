@@ -1,0 +1,53 @@
+"""Pages of the documentation that are made from the package when it is built, so that they cannot go stale."""
+
+import argparse
+import inspect
+from collections.abc import Iterator
+from typing import Any
+
+from mkdocs.structure.files import File, Files
+
+import jaxfem
+from jaxfem.cli.main import parser
+from jaxfem.io.templates import fit_template, scene_template
+
+
+def on_files(files: Files, config: Any) -> Files:
+    """Add the reference."""
+    for name, text in pages().items():
+        files.append(File.generated(config, f"reference/{name}.md", content=text))
+    return files
+
+
+def pages() -> dict[str, str]:
+    """The pages of the reference by name."""
+    scene, fit = (f"```toml\n{text}```\n" for text in (scene_template(), fit_template()))
+    return {
+        "python": "".join(_python()),
+        "scene_files": f"# Scene files\n\nAll keys, as `jaxfem new scene` writes them.\n\n{scene}",
+        "fit_files": f"# Fit files\n\nAll keys, as `jaxfem new fit` writes them.\n\n{fit}",
+        "command_line": "# Commands\n\n" + "".join(_commands(parser())),
+    }
+
+
+def _python() -> Iterator[str]:
+    """Every public name of the package, then of its public modules."""
+    yield "# Python\n\n"
+    for name in jaxfem.__all__:
+        if name.startswith("_"):
+            continue
+        thing = getattr(jaxfem, name)
+        if not inspect.ismodule(thing):
+            yield f"::: jaxfem.{name}\n\n"
+    for name in jaxfem.__all__:
+        if inspect.ismodule(getattr(jaxfem, name)):
+            yield f"::: jaxfem.{name}\n\n"
+
+
+def _commands(made: argparse.ArgumentParser) -> Iterator[str]:
+    """The help of the command and of each of its commands."""
+    yield f"## {made.prog}\n\n```text\n{made.format_help()}```\n\n"
+    for action in made._actions:
+        if isinstance(action, argparse._SubParsersAction):
+            for inner in action.choices.values():
+                yield from _commands(inner)

@@ -1,0 +1,71 @@
+"""Where a run stood at its last frame, to go on from there: the whole state, and what was written by then."""
+
+import csv
+import xml.etree.ElementTree as ET
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxfem.io.scene_files import SceneFileError
+from jaxfem.model import Model, Params, State
+from jaxfem.stepping import rollout
+
+
+def checkpoint_path(index: Path) -> Path:
+    """Beside the index of frames."""
+    return index.with_suffix(".state.npz")
+
+
+def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int) -> None:
+    """Write the state after `done` steps of `dt` [s], when `frames` frames were written. Replaces the last at once."""
+    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
+    names = np.array([jax.tree_util.keystr(key) for key, _ in leaves])
+    arrays = {f"leaf_{number}": np.asarray(leaf) for number, (_, leaf) in enumerate(leaves)}
+    temporary = path.with_name(path.name + ".part.npz")
+    np.savez(temporary, names=names, done=done, dt=dt, frames=frames, **arrays)  # type: ignore[arg-type]
+    temporary.replace(path)
+
+
+def load_checkpoint(path: Path, model: Model, params: Params, state: State, dt: float) -> tuple[State, int, int]:
+    """(state, steps done, frames written) of an earlier run of the same scene. SceneFileError where it is another."""
+    if not path.is_file():
+        raise SceneFileError(f"there is no {path} to go on from: the run was not begun, or by an older version")
+    stood: Any = jax.eval_shape(lambda given: rollout(model, params, given, dt, 1)[0], state)
+    wanted, shape = jax.tree_util.tree_flatten_with_path(stood)[0], jax.tree.structure(stood)
+    with np.load(path) as saved:
+        names = [jax.tree_util.keystr(key) for key, _ in wanted]
+        leaves = [saved[f"leaf_{number}"] for number in range(len(saved["names"]))]
+        same = saved["names"].tolist() == names and all(
+            leaf.shape == each.shape[1:] and leaf.dtype == each.dtype
+            for leaf, (_, each) in zip(leaves, wanted, strict=True)
+        )
+        if int(saved["done"]) == 0:  # nothing but the start was written
+            return state, 0, int(saved["frames"])
+        if not same or float(saved["dt"]) != dt:
+            raise SceneFileError(
+                f"{path} is of another scene, time step, method or precision: give --force to begin anew, or --out"
+            )
+        return jax.tree.unflatten(shape, leaves), int(saved["done"]), int(saved["frames"])
+
+
+def listed_frames(index: Path) -> list[tuple[float, Path, dict[str, Path]]]:
+    """(time [s], path, parts by name) of each frame that an index lists."""
+    found: list[tuple[float, Path, dict[str, Path]]] = []
+    for entry in ET.parse(index).getroot().iter("DataSet"):
+        path = index.parent / entry.attrib["file"]
+        if entry.attrib.get("part", "0") == "0":
+            found.append((float(entry.attrib["timestep"]), path, {}))
+        else:
+            found[-1][2][entry.attrib["name"]] = path
+    return found
+
+
+def trimmed_table(path: Path, rows: int) -> tuple[list[str], np.ndarray]:
+    """Head and numbers of a table of a run, once all beyond the first `rows` have been cut off the file."""
+    with open(path, newline="", encoding="utf-8") as file:
+        lines = list(csv.reader(file))[: rows + 1]
+    with open(path, "w", newline="", encoding="utf-8") as file:
+        csv.writer(file, lineterminator="\n").writerows(lines)
+    return lines[0], np.array([[float(value) for value in line] for line in lines[1:]])

@@ -1,0 +1,280 @@
+"""Commented scene and fit files that hold every key there is: made from the declarations, so that none is left out.
+
+What kinds take (materials, loads, joints, shapes, schemes), their classes say; keys of the files themselves are
+explained here, and one without an explanation is a KeyError that the tests meet first.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+from jaxfem.declared import Contact, RigidBody
+from jaxfem.declared.joints import JOINTS
+from jaxfem.declared.loads import LOADS
+from jaxfem.elements.mass import MASSES
+from jaxfem.elements.smoothing import STRAINS
+from jaxfem.inputs import Input, Nested, Nodes, Number, Text, Vector, inputs_of
+from jaxfem.io import fit_files, scene_bodies, scene_coupling, scene_files
+from jaxfem.io.fields import FIELDS
+from jaxfem.materials.base import LAWS
+from jaxfem.materials.linear import Linear
+from jaxfem.methods import METHODS
+from jaxfem.rigid.shapes.base import obstacles, solids
+from jaxfem.schemes import SCHEMES
+
+Line = tuple[str, str]
+"""The value in TOML and a comment; behind "instead of KEY" in it, KEY must go where this line comes in."""
+
+TIME: dict[str, Line] = {
+    "step": ("0.005", "s"),
+    "duration": ("0.1", "s, a whole number of steps"),
+    "steps": ("20", "instead of duration"),
+    "save_every": ("2", "steps a written frame; 1 without it"),
+    "halvings": ("3", "a step that fails is taken again in 2, 4 and 8 parts before the run ends"),
+    "scheme": ('"backward_euler"', ""),
+    "mass": ('"lumped"', f"or {', '.join(each for each in MASSES if each != 'lumped')}"),
+    "rotation_update": ('"explicit"', 'of the elements; or "implicit", for steps in which bodies turn far'),
+}
+SOLVER: dict[str, Line] = {
+    "method": ('"auto"', ""),
+    "tolerance": ("1e-8", "relative residual of each step's solve; 1e-5 without it in float32"),
+    "max_iterations": ("20000", "of each step's solve"),
+    "precision": ('"float64"', 'or "float32"'),
+}
+OUTPUT: dict[str, Line] = {
+    "folder": ('"results"', "beside this file; NAME_results without it"),
+    "points": ("{ middle = [0.1, 0.05, 0.15] }", "m, of the undeformed bodies: their paths go to points.csv"),
+    "tensors": ("true", "frames hold stress and strain as tensors"),
+    "fields": ('["displacement", "von_mises"]', ""),
+}
+MESHES: dict[str, Line] = {
+    "box": ("{ box = [0.2, 0.1, 0.1], cells = [2, 1, 1], tets_per_cell = 6, origin = [0, 0, 0.1] }", "m"),
+    "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
+    "ball": ("{ ball = 0.05, cells = 2, center = [0, 0, 0.2] }", "m, instead of mesh"),
+    "file": ('{ file = "part.msh", scale = 1e-3, merge = true }', "instead of mesh: in mm, doubled nodes joined"),
+}
+BODY: dict[str, Line] = {
+    "name": ('"block"', "others refer to it"),
+    "position": ("[0.0, 0.0, 0.0]", "m, moved by this"),
+    "rotate": ("{ axis = [0, 0, 1], degrees = 0, center = [0, 0, 0] }", "turned first"),
+    "material": ('"linear"', "or one of those below"),
+    "density": ("1000.0", "kg/m^3"),
+    "fixed": ("{ below = { x = 0.01 } }", 'or a group, "x-", { box = [[..], [..]] }, { nodes = [0] }, a list of these'),
+    "velocity": ("[0.0, 0.0, 0.0]", "m/s, at the start"),
+    "strain": ('"element"', f"or {', '.join(each for each in STRAINS if each != 'element')}: where Poisson's is high"),
+    "rotation": ('"polar"', 'of the elements; or "gram_schmidt"'),
+}
+MOTION: dict[str, Line] = {
+    "velocity": ("[0.0, 0.0, 0.0]", "m/s"),
+    "amplitude": ("[0.0, 0.0, 0.005]", "m, of a sine"),
+    "frequency": ("5.0", "Hz"),
+    "phase": ("0.0", "rad"),
+    "angular_velocity": ("[0.0, 0.0, 0.0]", "rad/s"),
+    "center": ("[0.0, 0.0, 0.0]", "m, that it turns about"),
+}
+NUMBERS = {"young": "2e5", "poisson": "0.3", "damping": "0.002", "yield_strain": "0.01", "creep": "1.0"}
+FIT: dict[str, Line] = {
+    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
+    "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
+    "compare": ('"displacement"', 'since the release; or "position"'),
+    "release": ('"auto"', "found: the body is still at first; or a time in s"),
+    "end": ('"settled"', "or a time in s; to the end of the recording without it"),
+    "substeps": ("2", "time steps a sample; the scene's step without it"),
+    "sigma": ("1e-4", "m, noise of the recording; found without it"),
+    "checks": ('"refuse"', 'what cannot be right; or "warn"'),
+}
+RECORDING: dict[str, Line] = {
+    "file": ('"recording.csv"', ""),
+    "unit": ('"m"', "where the file does not say"),
+    "rate": ("100.0", "1/s, where it counts frames"),
+    "camera": ("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4, where it holds pixels"),
+}
+
+
+def scene_template() -> str:
+    """A scene that runs, with all other keys in comments."""
+    time, solver, output = dict(TIME), dict(SOLVER), dict(OUTPUT)
+    time["scheme"] = '"backward_euler"', f"or {', '.join(word for word in SCHEMES.words() if word != 'backward_euler')}"
+    solver["method"] = '"auto"', f"or {', '.join(METHODS.words())}"
+    output["fields"] = output["fields"][0], f"of {', '.join(FIELDS)}; all without it"
+    parts = [
+        "# A scene with every key that `jaxfem simulate` reads; what is in comments may be left out.",
+        "# Units are SI: m, s, kg, N, Pa.",
+        "",
+        _line("gravity", "[0.0, 0.0, -9.81]", "m/s^2"),
+        *_table("[time]", scene_files.TIME_KEYS, time, ("step", "duration", "save_every")),
+        *_scheme_numbers(),
+        *_table("[solver]", scene_files.SOLVER_KEYS, solver, ("method",)),
+        *_table("[output]", scene_files.OUTPUT_KEYS, output, ("folder", "points")),
+        *_soft_body(),
+        *_rigid_body(),
+        *_contact(),
+        *_joints(),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def fit_template(scene: str = "scene.toml") -> str:
+    """A fit of that scene, with all other keys in comments."""
+    recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
+    explained = [f"#   {key}: {RECORDING[key][1]}" for key in fit_files.RECORDING_KEYS if RECORDING[key][1]]
+    keys = [key for key in fit_files.FIT_KEYS if key not in ("bounds", "starts")]
+    parts = [
+        "# A fit with every key that `jaxfem fit` reads; what is in comments may be left out.",
+        "",
+        _line("scene", f'"{scene}"', "the body, its supports, and where the search starts"),
+        _line("recording", '"recording.csv"', "times, and the places of markers; most formats are known"),
+        _line(f"# recording = {{ {', '.join(recording)} }}", None, "instead of recording"),
+        *explained,
+        "",
+        "[markers]                       # where each sits on the undeformed body, m",
+        "tip = [0.2, 0.05, 0.2]",
+        "side = [0.1, 0.1, 0.15]",
+        *_table("[fit]", keys, FIT, ("parameters",)),
+        "# [fit.bounds]",
+        "# young = [1e3, 1e7]",
+        "# [fit.starts]                  # each list one number a starting point",
+        "# young = [1e5, 1e6]",
+        "# damping = [1e-3, 1e-2]",
+        *_table("[output]", fit_files.OUTPUT_KEYS, {"folder": ('"fitted"', "beside this file")}, ("folder",)),
+    ]
+    return "\n".join(parts) + "\n"
+
+
+def _line(key: str, value: str | None, comment: str) -> str:
+    text = key if value is None else f"{key} = {value}"
+    return f"{text:<31} # {comment}" if comment else text
+
+
+def _table(heading: str, keys: Sequence[str], known: Mapping[str, Line], active: Sequence[str]) -> Iterator[str]:
+    yield from ("", heading)
+    for key in keys:
+        value, comment = known[key]
+        yield _line(f"{'' if key in active else '# '}{key}", value, comment)
+
+
+def _scheme_numbers() -> Iterator[str]:
+    for word in SCHEMES.words():
+        for field in dataclasses.fields(SCHEMES[word].made):
+            yield f'# with scheme = "{word}": {field.name} = {field.default!r}'
+
+
+def _soft_body() -> Iterator[str]:
+    yield from ("", "[[body]]                        # a soft body; as many as wanted")
+    for key in scene_bodies.BODY_KEYS:
+        if key == "mesh":
+            yield _line("mesh", *MESHES["box"])
+            yield from (_line("# mesh", *MESHES[kind]) for kind in scene_bodies.MESH_KEYS if kind != "box")
+        elif key == "material":
+            yield _line(f"# {key}", *BODY[key])
+            yield from (_line(each.name, NUMBERS[each.name], each.unit) for each in Linear.constants)
+            yield from _other_laws()
+        elif key not in ("driven", "load"):
+            yield _line(key if key in ("name", "density", "fixed") else f"# {key}", *BODY[key])
+    yield from _blocks()
+
+
+def _other_laws() -> Iterator[str]:
+    for word in LAWS.words():
+        law = LAWS[word].made
+        if word == Linear.word:
+            continue
+        constants = [
+            f"{each.name}{f' ({each.unit})' if each.unit else ''}"
+            for each in law.constants_of(dict(law.options))
+            if each.name not in {own.name for own in Linear.constants}
+        ]
+        options = [f"{name} = {_toml(value)}" for name, value in law.options.items()]
+        yield f'# material = "{word}": {", ".join([*constants, *options]) or "no other constants"}'
+
+
+def _blocks() -> Iterator[str]:
+    """Loads and prescribed motions, each a table of its own."""
+    places = {"nodes": '"x+"', "faces": '"x+"', "point": "[0.1, 0.05, 0.15]"}
+    for word in LOADS.words():
+        kind = LOADS[word].made
+        value = "100.0" if kind.scalar else "[0.0, 0.0, -0.1]"
+        yield from ("", "# [[body.load]]", f'# kind = "{word}"', f"# {kind.place} = {places[kind.place]}")
+        yield _line("# value", value, kind.unit)
+    yield from ("", "# [[body.driven]]               # nodes that follow a prescribed motion", '# nodes = "x-"')
+    yield from (_line(f"# {key}", *MOTION[key]) for key in scene_bodies.MOTION_KEYS)
+
+
+def _rigid_body() -> Iterator[str]:
+    shapes = [kind for kind in solids() if kind.word != "file"]
+    yield from ("", "[[rigid]]                       # a rigid body", "shape = { sphere = 0.04 }       # m")
+    yield from (f"# shape = {_shape(kind)} # instead of shape" for kind in shapes if kind.word != "sphere")
+    yield '# shape = { file = "part.stl", scale = 1e-3 } # instead of shape'
+    known: dict[str, Line] = {
+        "name": ('"ball"', ""),
+        "mass": ("0.1", "kg"),
+        "density": ("500.0", "kg/m^3, instead of mass"),
+        "position": ("[0.1, 0.05, 0.25]", "m"),
+        "rotate": ("{ axis = [0, 0, 1], degrees = 90 }", "or orientation, a quaternion"),
+        "orientation": ("[1, 0, 0, 0]", "scalar first"),
+        "velocity": ("[0.0, 0.0, 0.0]", "m/s"),
+        "angular_velocity": ("[0.0, 0.0, 0.0]", "rad/s"),
+        "inertia": ("[[1e-4, 0, 0], [0, 1e-4, 0], [0, 0, 1e-4]]", "kg m^2, that of the shape without it"),
+        "fixed": ("true", "it does not move"),
+        "motion": (f"{{ {', '.join(f'{key} = {MOTION[key][0]}' for key in scene_bodies.MOTION_KEYS)} }}", "prescribed"),
+    }
+    for key in scene_coupling.RIGID_KEYS:
+        if key != "shape":
+            yield _line(key if key in ("name", "mass", "position") else f"# {key}", *known[key])
+    assert set(inputs_of(RigidBody)) <= set(known)
+
+
+def _contact() -> Iterator[str]:
+    grounds = [kind for kind in obstacles() if kind.word not in ("plane", "file")]
+    yield from ("", "[[contact]]                     # what may touch: a and b, or a and ground")
+    yield from ('a = "ball"', "ground = { plane = [0, 0, 1], point = [0, 0, 0] }")
+    yield from (f"# ground = {_shape(kind)} # instead of ground" for kind in grounds)
+    yield '# ground = { file = "floor.stl", scale = 1e-3 } # instead of ground'
+    yield '# b = "block" # instead of ground'
+    values = {"friction": "0.5", "restitution": "0.0", "margin": "0.01", "separation": "0.1"}
+    yield from _fields(Contact, values, left=("a", "b"))
+
+
+def _joints() -> Iterator[str]:
+    """A table of each kind."""
+    for word in JOINTS.words():
+        kind = JOINTS[word]
+        yield from ("", "# [[joint]]", f'# kind = "{word}"', '# b = "ball" # a and b are bodies; the world without one')
+        values = {"anchor": "[0.1, 0.05, 0.45]", "anchor_b": "[0.1, 0.05, 0.25]", "length": "0.2", "compliance": "0.0"}
+        values |= {"damping": "0.0", "low": "-1.0", "high": "1.0"}
+        yield from _fields(kind.made, values, left=("a", "b", *kind.fixed), every="# ")
+
+
+def _fields(made: type, values: Mapping[str, str], left: Sequence[str], every: str = "# ") -> Iterator[str]:
+    for name, each in inputs_of(made).items():
+        if name in left:
+            continue
+        deep = isinstance(each, Nodes) or (isinstance(each, Input) and type(each).__name__ == "Vertices")
+        note = "of a soft a" if deep else getattr(each, "unit", "")
+        value = _nested(each) if isinstance(each, Nested) else values.get(name, each.example)
+        yield _line(f"{every}{'of soft bodies: ' if deep else ''}{name}", value, note)
+
+
+def _nested(given: Nested) -> str:
+    inner = {name: each.example for name, each in inputs_of(given.made).items()}
+    return f"{{ {', '.join(f'{name} = {value}' for name, value in inner.items())} }}"
+
+
+def _shape(kind: Any) -> str:
+    """A small shape of a kind."""
+    fields = inputs_of(kind)
+    leading = kind.leading or next(iter(fields))
+    values = {str(kind.word) if name == leading else name: _small(each) for name, each in fields.items()}
+    return f"{{ {', '.join(f'{name} = {value}' for name, value in values.items())} }}"
+
+
+def _small(each: Input) -> str:
+    if isinstance(each, Vector):
+        return str([0.05] * each.length)
+    if isinstance(each, Number):
+        return "0.05"
+    return '"name"' if isinstance(each, Text) else each.example
+
+
+def _toml(value: Any) -> str:
+    return str(value).lower() if isinstance(value, bool) else f'"{value}"' if isinstance(value, str) else str(value)
