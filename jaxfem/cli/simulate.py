@@ -11,7 +11,7 @@ from jaxfem.cli.messages import error, warning
 from jaxfem.cli.running import Run, advance
 from jaxfem.energies import with_account
 from jaxfem.io.checkpoints import checkpoint_path, listed_frames, load_checkpoint
-from jaxfem.io.export import FrameWriter, read_frame
+from jaxfem.io.export import FrameWriter, read_frame, read_part
 from jaxfem.io.plots import PlotError, plot_energies, plot_series, plot_shapes, require_matplotlib
 from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 from jaxfem.mesh.topology import boundary_faces
@@ -105,14 +105,8 @@ def _can_plot() -> bool:
 def _plots(writer: FrameWriter) -> list[Path]:
     """Energies over time, the first, middle and last shape, and how far tracked points moved."""
     made = [plot_energies(writer.folder / "energies.png", writer.times, writer.energies)]
-    chosen = dict.fromkeys([0, (len(writer.saved) - 1) // 2, len(writer.saved) - 1])
-    if not writer.model.bodies:
-        return made
-    frames = [read_frame(writer.saved[i].path, writer.saved[i].time) for i in chosen]
-    shapes = {f"t = {frame.time:.4g} s": frame.positions for frame in frames}
-    surface = boundary_faces(frames[0].cells)[0]
-    rest = writer.model.rest
-    made.append(plot_shapes(writer.folder / "shapes.png", surface, shapes, rest))
+    shapes = _shapes(writer)
+    made += [] if shapes is None else [shapes]
     moved = {name: path - path[0] for name, path in writer.paths.items()}
     if moved:
         lines = {f"{name} {axis}": path[:, i] for name, path in moved.items() for i, axis in enumerate("xyz")}
@@ -120,6 +114,25 @@ def _plots(writer: FrameWriter) -> list[Path]:
             lines = {name: (path**2).sum(axis=1) ** 0.5 for name, path in moved.items()}
         made.append(plot_series(writer.folder / "points.png", writer.times, lines, "displacement", "m"))
     return made
+
+
+def _shapes(writer: FrameWriter) -> Path | None:
+    """The first, middle and last shape, with rigid bodies; None where there is nothing to draw."""
+    chosen = dict.fromkeys([0, (len(writer.saved) - 1) // 2, len(writer.saved) - 1])
+    saved = [writer.saved[i] for i in chosen]
+    titles = [f"t = {each.time:.4g} s" for each in saved]
+    parts = [read_part(each.parts["rigid"]) for each in saved if "rigid" in each.parts]
+    others = {title: part.points[part.cells] for title, part in zip(titles, parts, strict=False)}
+    if not writer.model.bodies and not others:
+        return None
+    if not writer.model.bodies:  # coloured by how far they moved, as soft ones are
+        surface, rest = parts[0].cells, parts[0].points - parts[0].nodal["displacement"]
+        places = {title: part.points for title, part in zip(titles, parts, strict=True)}
+        return plot_shapes(writer.folder / "shapes.png", surface, places, rest)
+    frames = [read_frame(each.path, each.time) for each in saved]
+    places = {title: frame.positions for title, frame in zip(titles, frames, strict=True)}
+    surface = boundary_faces(frames[0].cells)[0]
+    return plot_shapes(writer.folder / "shapes.png", surface, places, writer.model.rest, others)
 
 
 def _positive(text: str) -> int:

@@ -272,7 +272,7 @@ def read_frames(index: Any) -> list[Frame]:
     frames = []
     for time, path, parts in listed_frames(index):
         frames.append(read_frame(path, time))
-        frames[-1].parts.update({name: _read_part(each) for name, each in parts.items()})
+        frames[-1].parts.update({name: read_part(each) for name, each in parts.items()})
     return frames
 
 
@@ -284,6 +284,7 @@ def read_frame(path: Any, time: float = 0.0) -> Frame:
     return Frame(time, points, cells, {**nodal, **elementwise})
 
 
-def _read_part(path: Path) -> Part:
+def read_part(path: Path) -> Part:
+    """A part of a frame."""
     points, kind, cells, nodal, cellwise = read_block(path)
     return Part(points, kind, cells, nodal, cellwise)

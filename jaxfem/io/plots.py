@@ -8,6 +8,8 @@ from typing import Any
 import numpy as np
 
 COLOURS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")  # told apart without red and green
+PLAIN = (0.74, 0.74, 0.76, 1.0)
+THROUGH = 0.3  # opacity of what has a cavity inside
 MANY_TRIANGLES = 4000  # beyond this, edges would blacken the surface
 
 
@@ -70,19 +72,38 @@ def plot_work(path: Any, lines: Mapping[str, tuple[Sequence[float], Sequence[flo
     return _save(figure, path)
 
 
-def plot_shapes(path: Any, surface: Any, shapes: Mapping[str, Any], rest: Any = None) -> Path:
+def plot_mesh(path: Any, points: Any, surface: Any, title: str) -> Path:
+    """A surface, triangles (k, 3) of points (n, 3) [m], in one colour; returns the path."""
+    corners = np.asarray(points)[np.asarray(surface)]
+    figure = _figure(5.2, 4.4)
+    axes: Any = figure.add_subplot(projection="3d")
+    _draw_surface(axes, corners, np.tile(PLAIN, (len(corners), 1)))
+    _dress(axes, title, _limits(corners.reshape(-1, 3)))
+    return _save(figure, path)
+
+
+def plot_shapes(
+    path: Any,
+    surface: Any,
+    shapes: Mapping[str, Any],
+    rest: Any = None,
+    others: Mapping[str, Any] | None = None,
+) -> Path:
     """Surface triangles (k, 3) in several `shapes` (title -> node positions (n, 3) [m]) beside each other.
 
     All in the same limits and at equal scale, coloured by the displacement from `rest` (n, 3), the first shape when
-    None. Returns the path.
+    None. `others`: title -> corners (t, 3, 3) [m] of what else there is, as of rigid bodies, in grey. A body with a
+    cavity is drawn so that one sees through its outer surface. Returns the path.
     """
-    surface = np.asarray(surface)
+    surface, others = np.asarray(surface), dict(others or {})
+    outer = _outer(surface, np.asarray(next(iter(shapes.values()))))
     rest = np.asarray(next(iter(shapes.values())) if rest is None else rest)
     places = {title: np.asarray(positions) for title, positions in shapes.items()}
     moved = {title: np.linalg.norm(positions - rest, axis=1) for title, positions in places.items()}
     top = max(float(values.max()) for values in moved.values())
     factor, prefix = _prefix(top)
-    limits = _limits(np.concatenate([positions[np.unique(surface)] for positions in places.values()]))
+    drawn = [positions[np.unique(surface)] for positions in places.values()]
+    limits = _limits(np.concatenate([*drawn, *(np.reshape(each, (-1, 3)) for each in others.values())]))
     figure = _figure(4.2 * len(shapes) + 0.9, 3.6 if np.ptp(limits[2]) < np.ptp(limits[0]) else 4.4)
     from matplotlib.cm import ScalarMappable
     from matplotlib.colors import Normalize
@@ -91,12 +112,33 @@ def plot_shapes(path: Any, surface: Any, shapes: Mapping[str, Any], rest: Any = 
     all_axes = []
     for number, (title, positions) in enumerate(places.items(), 1):
         axes: Any = figure.add_subplot(1, len(shapes), number, projection="3d")
-        _draw_surface(axes, positions[surface], colours.to_rgba(moved[title][surface].mean(axis=1) * factor))
+        shades = colours.to_rgba(moved[title][surface].mean(axis=1) * factor)
+        shades[outer, 3] = THROUGH
+        if title in others and len(others[title]):
+            _draw_surface(axes, np.asarray(others[title]), np.tile(PLAIN, (len(others[title]), 1)))
+        _draw_surface(axes, positions[surface], shades)
         _dress(axes, title, limits)
         all_axes.append(axes)
     bar = figure.colorbar(colours, ax=all_axes, shrink=0.65, pad=0.06, fraction=0.03)
     bar.set_label(f"displacement ({prefix}m)")
     return _save(figure, path)
+
+
+def _outer(surface: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Which triangles (k,) are of outer surfaces with a cavity inside; none where there is no cavity.
+
+    Triangles that share corners are one piece; pieces whose volume is negative are cavities' walls.
+    """
+    from scipy.sparse import coo_matrix
+    from scipy.sparse.csgraph import connected_components
+
+    ends = np.concatenate([surface[:, [0, 1]], surface[:, [1, 2]]])
+    graph = coo_matrix((np.ones(len(ends)), ends.T), (len(points), len(points)))
+    piece = connected_components(graph, directed=False)[1][surface[:, 0]]
+    a, b, c = (points[surface[:, i]] for i in range(3))
+    volumes = np.bincount(piece, np.einsum("ti,ti->t", a, np.cross(b, c)) / 6)
+    hollow: np.ndarray = (volumes[piece] > 0) & bool((volumes < 0).any())
+    return hollow
 
 
 def _draw_surface(axes: Any, triangles: np.ndarray, colours: np.ndarray) -> None:

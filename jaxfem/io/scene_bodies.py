@@ -13,7 +13,7 @@ from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, 
 from jaxfem.materials.base import LAWS, Material
 from jaxfem.materials.constants import DENSITY, Constant, MaterialError
 from jaxfem.materials.linear import Linear
-from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, read
+from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, from_surface, read, read_surface
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
@@ -24,6 +24,7 @@ MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity"
 DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
 MESH_KEYS = {
     "file": ("scale", "merge"),
+    "surface": ("scale", "size"),
     "box": ("cells", "tets_per_cell", "origin"),
     "beam": ("cells_along", "tets_per_cell", "origin"),
     "ball": ("cells", "center"),
@@ -132,7 +133,13 @@ def _mesh(table: Table, folder: Path) -> TetMesh:
         raise SceneFileError(f"{where} names {' and '.join(given) or 'no kind of mesh'}: give one of {kinds}")
     mesh = Table(raw, f"{where} (a {given[0]})", (given[0], *MESH_KEYS[given[0]]))
     arguments = _mesh_arguments(given[0], mesh, folder)
-    makers: dict[str, Callable[..., TetMesh]] = {"file": read, "box": box, "beam": beam, "ball": ball}
+    makers: dict[str, Callable[..., TetMesh]] = {
+        "file": read,
+        "surface": _filled,
+        "box": box,
+        "beam": beam,
+        "ball": ball,
+    }
     try:
         return makers[given[0]](**arguments)
     except MeshError as problem:
@@ -145,6 +152,12 @@ def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
             "path": folder / mesh.text("file"),
             "scale": mesh.number("scale", None, positive=True),
             "merge": mesh.get("merge") if "merge" in mesh else False,
+        }
+    if kind == "surface":
+        return {
+            "path": folder / mesh.text("surface"),
+            "scale": mesh.number("scale", None, positive=True),
+            "size": mesh.number("size", None, unit="m", positive=True),
         }
     if kind == "ball":
         center = mesh.vector("center", (0.0, 0.0, 0.0), "m")
@@ -160,6 +173,11 @@ def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
             zip(("length", "width", "height"), size, strict=True), cells_along=mesh.integer("cells_along"), **shared
         )
     return {"size": size, "cells": _cell_counts(mesh), **shared}
+
+
+def _filled(path: Path, scale: float | None, size: float | None) -> TetMesh:
+    """The volume inside the surface of a file."""
+    return from_surface(*read_surface(path, scale), size, path.stem)
 
 
 def _cell_counts(mesh: Table) -> Any:

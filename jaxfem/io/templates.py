@@ -51,6 +51,7 @@ MESHES: dict[str, Line] = {
     "box": ("{ box = [0.2, 0.1, 0.1], cells = [2, 1, 1], tets_per_cell = 6, origin = [0, 0, 0.1] }", "m"),
     "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
     "ball": ("{ ball = 0.05, cells = 2, center = [0, 0, 0.2] }", "m, instead of mesh"),
+    "surface": ('{ surface = "scan.stl", scale = 1e-3, size = 0.005 }', "instead of mesh: filled, edges of 5 mm"),
     "file": ('{ file = "part.msh", scale = 1e-3, merge = true }', "instead of mesh: in mm, doubled nodes joined"),
 }
 BODY: dict[str, Line] = {

@@ -4,6 +4,7 @@ from .checks import MeshWarning
 from .clouds import delaunay, from_convex_surface
 from .embedding import locate
 from .files import from_cells, read, read_surface, write
+from .filling import from_surface
 from .generators import ball, beam, box
 from .quality import QualityReport, quality, report_text
 from .tet import MeshError, TetMesh
@@ -19,6 +20,7 @@ __all__ = [
     "delaunay",
     "from_cells",
     "from_convex_surface",
+    "from_surface",
     "locate",
     "quality",
     "read",

@@ -159,8 +159,8 @@ def _no_solids(raw: RawMesh, source: str) -> str:
     found = _inventory(counts | raw.left_out) or "no cells at all"
     if any(dimension(kind) == 2 for kind in counts) and all(dimension(kind) is not None for kind in counts):
         return (
-            f"no tetrahedra in {source}: it holds a surface ({found}), which has no volume: fill a convex one with "
-            f"jaxfem.mesh.from_convex_surface(*jaxfem.mesh.read_surface({source!r})), or mesh its volume with a mesher "
-            "such as Gmsh or TetGen"
+            f"no tetrahedra in {source}: it holds a surface ({found}), which has no volume: fill it with "
+            f"jaxfem.mesh.from_surface(*jaxfem.mesh.read_surface({source!r})) or `jaxfem mesh make` (a convex one with "
+            "from_convex_surface, which needs nothing else), or with a mesher such as Gmsh"
         )
     return f"no tetrahedra in {source}: found {found}; mesh the volume with tetrahedra"

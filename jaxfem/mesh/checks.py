@@ -14,7 +14,7 @@ FLAT = 1e-12  # an element is degenerate when |volume| <= FLAT * longest_edge**3
 EDGES = np.array([[0, 1], [0, 2], [0, 3], [1, 2], [1, 3], [2, 3]])
 
 CELL_ADVICE = {
-    3: "these are triangles, a surface without volume: see jaxfem.mesh.from_convex_surface, or mesh the volume",
+    3: "these are triangles, a surface without volume: see jaxfem.mesh.from_surface, or mesh the volume",
     8: 'these are hexahedra: jaxfem.mesh.from_cells(points, {"hexahedron": cells}) cuts them into tetrahedra',
     6: 'these are wedges: jaxfem.mesh.from_cells(points, {"wedge": cells}) cuts them into tetrahedra',
     5: 'these are pyramids: jaxfem.mesh.from_cells(points, {"pyramid": cells}) cuts them into tetrahedra',

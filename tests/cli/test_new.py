@@ -26,7 +26,12 @@ def alone(lines):
             inside = False
         elif line.startswith("[") or not line:
             inside = True
-        elif inside and SINGLE.match(line) and "file = " not in line and not re.match('# material = "[a-z_]+":', line):
+        elif (
+            inside
+            and SINGLE.match(line)
+            and not re.search("(file|surface) = ", line)
+            and not re.match('# material = "[a-z_]+":', line)
+        ):
             found.append(number)
     return found
 

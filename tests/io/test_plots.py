@@ -75,3 +75,26 @@ def test_without_matplotlib(tmp_path, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(plots.PlotError, match=r"plots need matplotlib: pip install 'jaxfem\[cli\]'"):
         plots.plot_series(tmp_path / "a.png", [0.0], {}, "energy", "J")
+
+
+def test_shapes_show_rigid_bodies_and_let_one_see_cavities(tmp_path, saved):
+    solid = jf.mesh.box((0.3, 0.3, 0.3), 3)
+    middle = np.abs(solid.points[solid.cells].mean(1) - 0.15).max(1) < 0.05
+    hollow = jf.TetMesh(solid.points, solid.cells[~middle])
+    outer = plots._outer(hollow.surface, hollow.points)
+    corners = hollow.points[hollow.surface].mean(1)
+    np.testing.assert_array_equal(outer, np.abs(corners - 0.15).max(1) > 0.14)
+    assert 0 < outer.sum() < len(outer) and not plots._outer(solid.surface, solid.points).any()
+    ball, triangles = jf.Sphere(0.1).outline(np.zeros((2, 3)))
+    others = {"t = 0 s": (ball + np.array([0.6, 0, 0]))[triangles]}
+    plots.plot_shapes(tmp_path / "shapes.png", hollow.surface, {"t = 0 s": hollow.points}, others=others)
+    axes = saved[0].axes[0]
+    grey, body = axes.collections
+    assert len(grey.get_facecolor()) == len(triangles) and axes.get_xlim()[1] > 0.69
+    assert set(np.round(body.get_facecolor()[:, 3], 2)) == {0.3, 1.0}
+
+
+def test_a_mesh(tmp_path, saved):
+    mesh = jf.mesh.box((0.2, 0.1, 0.1), 1)
+    assert plots.plot_mesh(tmp_path / "mesh.png", mesh.points, mesh.surface, "part").is_file()
+    assert saved[0].axes[0].get_title() == "part"
