@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import Floats, Ints, MeshError, as_points, is_positive
+from .checks import Floats, Ints, MeshError, as_points, flipped, is_positive
 from .tet import TetMesh
 
 FINENESS = 12
@@ -67,6 +67,7 @@ def from_surface(
             raise MeshError(f'{what} for "{name}" is {value!r}: give a positive number')
     share = (CLOSENESS * float(length) if closeness is None else closeness) / diagonal
     found, cells = _filled(places, faces, float(length), share, float(seconds), name)
+    cells, _ = flipped(found, cells)  # the mesher counts corners the other way round
     mesh = TetMesh.repaired(found, cells, name)
     return TetMesh(mesh.points, mesh.cells, name, notes=(*mesh.notes, _told(mesh, places, faces, float(length))))
 
