@@ -27,6 +27,8 @@ TRIALS = 200
 SHORTEST = 2.0**-24
 DESCENT = 1e-4
 CALMER = 0.9
+CLOSE = 100.0
+"""Times what ends the rounds: with rows beside, a residual below this that falls no more is what their solve leaves."""
 LEAST_SHARE = 1 / 16
 """The first share of the negative curvature that is taken out; it doubles, and falls to a quarter after a step."""
 FIRST_DIGITS, MOST_DIGITS = 1e-2, 1e-6
@@ -147,6 +149,9 @@ def _judged(system: System, s: _Search, good: Array) -> Array:
     seen = (s.length == 1) & ~first if system.extra else jnp.bool_(True)
     # At rest forces cancel: what the rounding of positions makes of them cannot be solved away.
     done = good & seen & ((size <= target) | ((size <= noise) & ~first & (size > 0.5 * s.least)))
+    # The solve with rows has a measure of its own, the energy: what it leaves of the momentum ends the rounds too.
+    close = (size <= (CLOSE if system.extra else 0) * target) & ~first
+    done = done | (close & (~good | (size > 0.3 * s.least)))
     stuck = ~good & (s.length < SHORTEST)
     lost = jnp.where(size <= jnp.maximum(noise, target), int(Status.CONVERGED), int(Status.NO_DESCENT))
     status = jnp.where(stuck, lost, s.status)
