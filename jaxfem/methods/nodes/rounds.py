@@ -4,7 +4,8 @@ A step makes Phi(v) = 1/2 (v - v*)' M (v - v*) + sum of the laws' energies small
 Each round solves the step with every law's stress linearised at the last v; the way towards that solution is halved
 until Phi less the work of the rows' impulses falls (Armijo). The exact tangent is tried first. Where the solve meets
 negative curvature, as it does where a body buckles, a part of it is taken out of the domains that have some, and more
-until none is met: the less is taken out the longer the step, and the sooner the saddle is left.
+until none is met: the less is taken out the longer the step, and the sooner the saddle is left. With rows beside, all
+of it is.
 """
 
 from collections import OrderedDict
@@ -165,7 +166,9 @@ def _directed(system: System, coarse: Array, s: _Search) -> _Search:
     first = ~jnp.isfinite(s.start)
     start = jnp.where(first, here.size, s.start)
     target = jnp.where(first, jnp.maximum(system.tolerance * start, system.floor), s.target)
-    linear = linearised(system, merged(system, here.velocities), s.definite)
+    # The solve with rows does not tell of negative curvature: none is left to it.
+    share = 1 if system.extra else s.definite
+    linear = linearised(system, merged(system, here.velocities), share)
     linear = linear.replace(max_iterations=system.max_iterations - s.iterations, floor=0.3 * target)
     if system.extra:
         (found, towards), info = solve_bounded(linear, coarse, (here.velocities, here.impulses), here.gradient)
@@ -183,7 +186,8 @@ def _directed(system: System, coarse: Array, s: _Search) -> _Search:
     # Where the tangent is of no use the same point is tried with one that is nearer to a definite one.
     more = jnp.clip(2 * s.definite, LEAST_SHARE, 1)
     less = jnp.where(s.definite / 4 < LEAST_SHARE, 0, s.definite / 4)
-    status = jnp.where(usable | (s.definite < 1), s.status, jnp.where(solved, int(Status.NO_DESCENT), info.status))
+    again = (s.definite < 1) & (not system.extra)
+    status = jnp.where(usable | again, s.status, jnp.where(solved, int(Status.NO_DESCENT), info.status))
     return s.replace(
         direction=jnp.where(usable, direction, 0),
         towards=jax.tree.map(lambda new, old: jnp.where(usable, new, old), towards, here.impulses),
