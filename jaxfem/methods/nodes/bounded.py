@@ -131,14 +131,17 @@ def pair_tangent(system: System, coarse: Array, unknown: Pair) -> Callable[[Pair
     return solve
 
 
-def solve_pair_tangent(system: System, coarse: Array, unknown: Pair, right: Pair, matvec: Any) -> Pair:
+def solve_pair_tangent(
+    system: System, coarse: Array, unknown: Pair, right: Pair, matvec: Any, iterate: bool = False
+) -> Pair:
     """Solve matvec(y) = right, the derivative of `pair_gradient` at `unknown` or its transpose; NaN where that fails.
 
     Without friction that is the symmetric solve. With friction bounds that move, the symmetric solve P preconditions
-    stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left.
+    stabilised biconjugate gradients on P matvec(y) = P right: few iterations, since only sliding rows are left. So it
+    does where the system's matrix is only near the tangent: `iterate`.
     """
     given = system, coarse, unknown
-    if not system.friction:
+    if not (system.friction or iterate):
         return or_nan(*unless_zero(lambda g, r: pair_tangent(*g)(r, g[0].tolerance), given, right))
 
     def solve(given: Any, right: Pair) -> tuple[Pair, SolveInfo]:

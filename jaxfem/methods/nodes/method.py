@@ -131,5 +131,6 @@ class PairCondition:
 
     def tangent_solve(self, inputs: Prepared, unknown: Any, right: Any, matvec: Any) -> Any:
         """With the rows at a bound held there."""
-        system = linearised(inputs.system, merged(inputs.system, unknown[0]))
-        return solve_pair_tangent(system, inputs.coarse, unknown, right, matvec)
+        nonlinear = inputs.system.nonlinear
+        system = linearised(inputs.system, merged(inputs.system, unknown[0]), 1)
+        return solve_pair_tangent(system, inputs.coarse, unknown, right, matvec, iterate=nonlinear)

@@ -4,7 +4,8 @@ A step makes Phi(v) = 1/2 (v - v*)' M (v - v*) + sum of the laws' energies small
 Each round solves the step with every law's stress linearised at the last v; the way towards that solution is halved
 until Phi less the work of the rows' impulses falls (Armijo). The exact tangent is tried first. Where the solve meets
 negative curvature, as it does where a body buckles, a part of it is taken out of the domains that have some, and more
-until none is met: the less is taken out the longer the step, and the sooner the saddle is left.
+until none is met: the less is taken out the longer the step, and the sooner the saddle is left. With rows beside, all
+of it is.
 """
 
 from collections import OrderedDict
@@ -27,6 +28,8 @@ TRIALS = 200
 SHORTEST = 2.0**-24
 DESCENT = 1e-4
 CALMER = 0.9
+CLOSE = 100.0
+"""Times what ends the rounds: with rows beside, a residual below this that falls no more is what their solve leaves."""
 LEAST_SHARE = 1 / 16
 """The first share of the negative curvature that is taken out; it doubles, and falls to a quarter after a step."""
 FIRST_DIGITS, MOST_DIGITS = 1e-2, 1e-6
@@ -147,6 +150,9 @@ def _judged(system: System, s: _Search, good: Array) -> Array:
     seen = (s.length == 1) & ~first if system.extra else jnp.bool_(True)
     # At rest forces cancel: what the rounding of positions makes of them cannot be solved away.
     done = good & seen & ((size <= target) | ((size <= noise) & ~first & (size > 0.5 * s.least)))
+    # The solve with rows has a measure of its own, the energy: what it leaves of the momentum ends the rounds too.
+    close = (size <= (CLOSE if system.extra else 0) * target) & ~first
+    done = done | (close & (~good | (size > 0.3 * s.least)))
     stuck = ~good & (s.length < SHORTEST)
     lost = jnp.where(size <= jnp.maximum(noise, target), int(Status.CONVERGED), int(Status.NO_DESCENT))
     status = jnp.where(stuck, lost, s.status)
@@ -160,7 +166,9 @@ def _directed(system: System, coarse: Array, s: _Search) -> _Search:
     first = ~jnp.isfinite(s.start)
     start = jnp.where(first, here.size, s.start)
     target = jnp.where(first, jnp.maximum(system.tolerance * start, system.floor), s.target)
-    linear = linearised(system, merged(system, here.velocities), s.definite)
+    # The solve with rows does not tell of negative curvature: none is left to it.
+    share = 1 if system.extra else s.definite
+    linear = linearised(system, merged(system, here.velocities), share)
     linear = linear.replace(max_iterations=system.max_iterations - s.iterations, floor=0.3 * target)
     if system.extra:
         (found, towards), info = solve_bounded(linear, coarse, (here.velocities, here.impulses), here.gradient)
@@ -178,7 +186,8 @@ def _directed(system: System, coarse: Array, s: _Search) -> _Search:
     # Where the tangent is of no use the same point is tried with one that is nearer to a definite one.
     more = jnp.clip(2 * s.definite, LEAST_SHARE, 1)
     less = jnp.where(s.definite / 4 < LEAST_SHARE, 0, s.definite / 4)
-    status = jnp.where(usable | (s.definite < 1), s.status, jnp.where(solved, int(Status.NO_DESCENT), info.status))
+    again = (s.definite < 1) & (not system.extra)
+    status = jnp.where(usable | again, s.status, jnp.where(solved, int(Status.NO_DESCENT), info.status))
     return s.replace(
         direction=jnp.where(usable, direction, 0),
         towards=jax.tree.map(lambda new, old: jnp.where(usable, new, old), towards, here.impulses),

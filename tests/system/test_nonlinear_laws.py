@@ -1,0 +1,31 @@
+"""Laws that are not linear, on the ground: the balance of momentum."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+import jaxfem as jf
+
+LAW = jf.NeoHookean(young=1e5, poisson=0.45, damping=2e-3)
+
+
+def fallen(tolerance=None):
+    """A cube just above the ground, with friction."""
+    mesh = jf.mesh.box((0.06, 0.06, 0.06), 2, origin=(-0.03, -0.03, 0.001))
+    cube = jf.SoftBody(mesh, material=LAW, density=1e3, name="cube")
+    return jf.build(jf.Scene([cube], contacts=[jf.Contact("cube", jf.Plane(), friction=0.5)]), tolerance=tolerance)
+
+
+@pytest.mark.slow
+def test_a_cube_lands_on_the_ground():
+    """Never through it, and carried by it: the mean push over the landing is the weight and the momentum lost."""
+    model, params, state = fallen()
+    states, info = jf.rollout(model, params, state, 5e-3, 12)
+    assert not info.status.any()
+    assert float(states.positions[..., 2].min()) > -1e-9
+    mass = 1e3 * 0.06**3
+    pushed = {k: v for k, v in jf.impulses(model, states).items() if "friction" not in k}
+    carried = sum(float(jnp.sum(each)) for each in pushed.values())
+    nodal = np.asarray(model.nodal_volumes) * 1e3
+    fall = float(jnp.sum(nodal * states.velocities[-1][:, 2]))
+    np.testing.assert_allclose(carried, fall + 9.81 * mass * 12 * 5e-3, rtol=1e-6)
