@@ -58,6 +58,19 @@ class Directions(Range):
         return super().wrong(known).any(-1, keepdims=True) | (known == 0).all(-1, keepdims=True)
 
 
+@dataclasses.dataclass(frozen=True)
+class Units(Directions):
+    """Rows of numbers of length one: a pose's quaternions, which turn by their angle alone."""
+
+    def wrong(self, value: Any) -> Array:
+        """Where a row is none, or its length is off by more than rounding, (..., 1)."""
+        known = jnp.asarray(value)
+        off: Array = super().wrong(known) | (jnp.abs(jnp.sum(known**2, -1, keepdims=True) - 1) > OFF)
+        return off
+
+
+OFF = 1e-3
+"""Of the square of a unit's length."""
 FINITE = Range()
 NOT_NAN = Range(infinite=True)
 

@@ -20,16 +20,6 @@ from hard.case import CASES, Case, NotServed, Setting, Told, Wanted, judged
 QUICK = [name for name, each in CASES.items() if each.quick]
 LATER = {name for name in QUICK if CASES[name].group in ("momentum",) and "tumbling" in name}  # many steps
 
-# Silent today; each is to be mended, and struck off here then.
-KNOWN = {
-    "chain of 1 g links with 1 kg at g = 1e4",
-    "chain of 1 g links with 1000 kg",
-    "joints that contradict each other",
-    "quaternion of length 2",
-    "rigid box half a metre under the ground",
-    "spin kept by a soft body",
-}
-
 
 @pytest.fixture
 def double():
@@ -37,8 +27,7 @@ def double():
 
 
 def marked(name):
-    marks = [pytest.mark.xfail(reason="silent today", strict=False)] if name in KNOWN else []
-    return pytest.param(name, marks=[*marks, *([pytest.mark.slow] if name in LATER else [])])
+    return pytest.param(name, marks=[pytest.mark.slow] if name in LATER else [])
 
 
 @pytest.mark.parametrize("name", [marked(name) for name in QUICK])

@@ -18,6 +18,7 @@ from jaxfem.methods import Condensed
 from jaxfem.model import Choice, nodal_mass
 from jaxfem.solvers.status import BYTE, Status
 
+LOST = 1e-9  # share of its angular momentum that a body may lose in a step
 CHUNK, EVERY = 20, 5  # steps of a call, steps of a saved frame
 PATIENCE = 2  # chunks with a bad status after which a run is given up
 
@@ -119,6 +120,9 @@ class Run:
             told += [each.text for each in found.findings[:1]]
         if int(self.infos[-1].inverted):
             told.append(f"info.inverted = {int(self.infos[-1].inverted)} at the end")
+        lost = max((float(info.spin_loss) for info in self.infos if info.spin_loss is not None), default=0.0)
+        if self.world.free and lost > (LOST if self.frames[0].positions.dtype.itemsize > 4 else 1e-5):
+            told.append(f"info.spin_loss = {lost:.3g} in a step")
         return told
 
 

@@ -136,6 +136,22 @@ def domain_strains(
     return found
 
 
+def turned_ahead(
+    kinds: Sequence[Domains], strains: Sequence[tuple[list[Array], Matrix3, Matrix3]], turns: Array
+) -> list[tuple[list[Array], Matrix3, Matrix3]]:
+    """`domain_strains` with the rotations of each body's domains turned on by its own of `turns` (bodies, 3, 3)."""
+    found: list[tuple[list[Array], Matrix3, Matrix3]] = []
+    for each, (_, rotation, deformation) in zip(kinds, strains, strict=True):
+        if each.clusters is None:
+            rotation = product(matrix_of(jnp.moveaxis(turns[each.body], 0, -1)), rotation)
+            strain = row_means(each, rotated_strain(deformation, rotation)[each.rows])
+        else:
+            every, rotation, _ = found[-1]
+            strain = row_means(each, every)
+        found.append((strain, rotation, deformation))
+    return found
+
+
 def row_means(domains: Domains, coefficients: Sequence[Array]) -> list[Array]:
     """Coefficients of the domains (D,) as those of the rows: means over clusters where there are some."""
     return [c if domains.clusters is None else domains.clusters.mean(c) for c in coefficients]

@@ -16,7 +16,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
 from jaxfem.system.holding import held, unmet
-from jaxfem.system.momentum import kept
+from jaxfem.system.momentum import kept, turns_ahead
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
@@ -122,4 +122,4 @@ def system_of(
     """The step's system, of soft bodies alone or of all that the scene holds; `pull`: see `coupled_system`."""
     if model.coupled:
         return coupled_system(model, params, state, dt, forces, pull)
-    return step_system(model, params, state, dt, forces)
+    return step_system(model, params, state, dt, forces, turns=turns_ahead(model, params, state, dt))

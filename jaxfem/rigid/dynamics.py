@@ -14,14 +14,14 @@ import jax.numpy as jnp
 
 from jaxfem.motion import Motion, displaced
 from jaxfem.pytrees import Pytree, static
-from jaxfem.ranges import Directions, ranged, within
+from jaxfem.ranges import Units, ranged, within
 from jaxfem.rigid.turning import mean_spin
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_multiply, quaternion_to_matrix
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
 
-UNIT = "must be quaternions, finite and not all zeros: (1, 0, 0, 0) where nothing turns"
+UNIT = "must be finite quaternions of length 1, not all zeros: (1, 0, 0, 0) where nothing turns"
 
 
 class RigidSet(Pytree):
@@ -60,7 +60,7 @@ class RigidState(Pytree):
     """
 
     positions: Array = field(metadata=within())
-    orientations: Array = field(metadata=ranged(Directions(advice=UNIT)))
+    orientations: Array = field(metadata=ranged(Units(advice=UNIT)))
     velocities: Array = field(metadata=within())
     angular_velocities: Array = field(metadata=within())
 

@@ -14,7 +14,7 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, difference, moving_with_body
-from jaxfem.rows.contact import Candidates, Pairs
+from jaxfem.rows.contact import LEANING, Candidates, Pairs
 
 Array = jax.Array
 
@@ -22,6 +22,9 @@ MOST = 8
 """Pairs of edges that take part for two boxes, the closest: corners of the patch in which two faces overlap."""
 TOLERANCE = 1e-3
 """Of the boxes' size: how exactly an edge must be the furthest one, and how much a face may separate more."""
+BURIED, LEAN = 0.02, 0.01
+"""Of the boxes' size: boxes further inside each other are taken for that much apart in a fixed direction, which tells
+where they part if they are in one place."""
 FAR = 1e3
 """Gap of what does not take part, in boxes' sizes."""
 AXES = np.repeat(np.arange(3), 4)
@@ -52,7 +55,8 @@ class BoxEdges(Candidates):
         turn_a, turn_b = at.rotations[self.a], at.rotations[self.b]
         centre_a = at.centers[self.a] + jnp.einsum("mij,mj->mi", turn_a, self.origin_a)
         centre_b = at.centers[self.b] + jnp.einsum("mij,mj->mi", turn_b, self.origin_b)
-        found = jax.vmap(_closest)(centre_a, centre_b, turn_a, turn_b, self.half_a, self.half_b)
+        above = jnp.where(self.a > self.b, 1.0, -1.0).astype(centre_a.dtype)
+        found = jax.vmap(_closest)(centre_a, centre_b, turn_a, turn_b, self.half_a, self.half_b, above)
         gap, normal, middle = (leaf.reshape(-1, *leaf.shape[2:]) for leaf in found)
         a, b = jnp.repeat(self.a, MOST), jnp.repeat(self.b, MOST)
         relative = difference(moving_with_body(at, b, middle), moving_with_body(at, a, middle))
@@ -60,15 +64,21 @@ class BoxEdges(Candidates):
 
 
 def _closest(
-    centre_a: Array, centre_b: Array, turn_a: Array, turn_b: Array, half_a: Array, half_b: Array
+    centre_a: Array, centre_b: Array, turn_a: Array, turn_b: Array, half_a: Array, half_b: Array, above: Array
 ) -> tuple[Array, Array, Array]:
-    """Gap (8,), normal from b to a (8, 3) and middle of the gap (8, 3) of the pairs of edges that touch first."""
+    """Gap (8,), normal from b to a (8, 3) and middle of the gap (8, 3) of the pairs of edges that touch first.
+
+    `above`: 1 or -1, the side of b on which a is taken to be where they are in one place.
+    """
     size = jax.lax.stop_gradient(jnp.minimum(half_a.min(), half_b.min()))
     first, second = (jnp.repeat(jnp.arange(12), 12), jnp.tile(jnp.arange(12), 12))
     geometry = _perpendiculars(centre_a, centre_b, turn_a, turn_b, half_a, half_b, first, second)
-    gap, *_, valid = jax.lax.stop_gradient(geometry)
-    faces = jax.lax.stop_gradient(_face_separation(centre_a - centre_b, turn_a, turn_b, half_a, half_b))
-    valid = valid & (gap >= faces - TOLERANCE * size)
+    gap, normal, _, valid = jax.lax.stop_gradient(geometry)
+    way = centre_a - centre_b
+    faces = jax.lax.stop_gradient(_face_separation(way, turn_a, turn_b, half_a, half_b))
+    lean = jnp.where(faces < -BURIED * size, LEAN * size * above, 0) * jnp.asarray(LEANING, way.dtype)
+    parted = jax.lax.stop_gradient(_face_separation(way + lean, turn_a, turn_b, half_a, half_b))
+    valid = valid & (gap + normal @ lean >= parted - TOLERANCE * size)
     # In the order of the edges, so that a pair keeps its place from step to step.
     chosen = jnp.sort(jax.lax.top_k(jnp.where(valid, -gap, -jnp.inf), MOST)[1])
     gap, normal, middle, _ = _perpendiculars(

@@ -27,7 +27,11 @@ PUSH = 0.2
 """Share of a penetration that a step takes back."""
 DEEP = 1e-3
 """Of the margin: pairs inside each other by more lose the speed with which they were moved apart."""
-
+BURIED, OVERLAP = 0.1, 0.2
+"""Of the margin: points of rigid bodies inside each other by more go apart in one direction, that of the bodies; and so
+do corners where a point a little further inside of their own body is inside the other, by that share of the way."""
+LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
+"""Of the margin: how far bodies in one place are taken for apart, and in which direction, to tell where they part."""
 
 ASIDE, EDGE = 0.01, 0.9
 """Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
@@ -153,7 +157,21 @@ class ShapeContacts(Candidates):
         there, leaning = self._distance(places + inside, at)
         edge = jnp.sum(normal * leaning, -1) < EDGE
         face = there - jnp.sum(leaning * inside, -1)
-        return jnp.where(edge, face, gap), jnp.where(edge[:, None], leaning, normal)
+        both = there < -OVERLAP * jnp.linalg.norm(jax.lax.stop_gradient(inside), axis=-1)
+        buried = both | (gap - self.radius < -BURIED * self.margin)
+        gap, normal = jnp.where(edge, face, gap), jnp.where(edge[:, None], leaning, normal)
+        plane, way = self._parting(places, points, at)
+        buried = buried & (plane < self.radius)
+        return jnp.where(buried, plane, gap), jnp.where(buried[:, None], way, normal)
+
+    def _parting(self, places: Array, points: RigidPoint, at: Configuration) -> tuple[Array, Array]:
+        """Distances and normal of the plane that touches the other body where it is nearest to the centre of the
+        points' own: bodies inside each other go apart across it, where their nearest faces would each push another
+        way."""
+        lean = LEAN * self.margin[:, None] * jnp.asarray(LEANING, places.dtype)
+        centre = at.centers[points.body] + jnp.where((points.body > self.body)[:, None], lean, -lean)
+        height, way = self._distance(centre, at)
+        return height + jnp.sum(way * (places - centre), -1), way
 
     def _distance(self, places: Array, at: Configuration) -> tuple[Array, Array]:
         def one(shape: Any, place: Array) -> Array:
@@ -222,7 +240,7 @@ def contact_rows(
     pairs = candidates.pairs(at)
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
-    approach, coming = (_rates(normal, triples, v) for v in (before, free))
+    approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
     on = pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) < candidates.margin
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
     deep = on & (pairs.gap < -DEEP * candidates.margin)
@@ -244,7 +262,8 @@ def contact_rows(
     )
     if not candidates.rough:
         return upright, None, gaps
-    across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * on[:, None, None]
+    rubs = on & (pairs.gap > -candidates.margin)  # what is inside each other goes apart without
+    across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * rubs[:, None, None]
     none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
     way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, free)
     rough = PointRows(triples, across, none, way, unknowns=at.unknowns, lower=none, upper=none)
@@ -257,10 +276,6 @@ def tangents(normal: Array) -> Array:
     first = axis - jnp.sum(axis * normal, -1, keepdims=True) * normal
     first = first / jnp.linalg.norm(first, axis=-1, keepdims=True)
     return jnp.stack([first, jnp.cross(normal, first)], 1)
-
-
-def _rates(normal: Array, triples: Array, velocities: Array) -> Array:
-    return _across(normal, triples, velocities)[:, 0]
 
 
 def _across(rows: Array, triples: Array, velocities: Array) -> Array:

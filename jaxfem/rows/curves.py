@@ -18,7 +18,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, WorldPoint
-from jaxfem.rows.contact import Candidates, Pairs, ShapeContacts
+from jaxfem.rows.contact import BURIED, Candidates, Pairs, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
 
 Array = jax.Array
@@ -105,6 +105,7 @@ class CurveContacts(Candidates):
         )
         pairs = contacts.pairs(at)
         kink, normal, radius = kink.reshape(-1), normal.reshape(-1, 3), each(self.radius)
+        kink = kink & (pairs.gap > -BURIED * self.margin)
         if self.other is not None:
             normal = jnp.einsum("mij,mj->mi", at.rotations[each(self.other)], normal)
         short = jnp.sqrt(jnp.where(kink, jnp.sum(normal**2, -1), 1))

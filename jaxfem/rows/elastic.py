@@ -5,7 +5,15 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxfem.elements.domains import DomainMaterial, Domains, domain_force, domain_gradient, domain_strains, row_means
+from jaxfem.elements.domains import (
+    DomainMaterial,
+    Domains,
+    domain_force,
+    domain_gradient,
+    domain_strains,
+    row_means,
+    turned_ahead,
+)
 from jaxfem.elements.finite import LawMaterial
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.pytrees import Pytree, static
@@ -87,8 +95,10 @@ def elastic_rows(
     stage: Stage,
     materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
+    turns: Array | None = None,
 ) -> tuple["StepRows", ...]:
-    """Rows of one step, made at its `stage`; `materials`: one for each kind. Of linear laws, the others' see `lawful`:
+    """Rows of one step, made at its `stage`; `materials`: one for each kind; `turns` (bodies, 3, 3): by how much the
+    rotations of linear laws are those of later on. Of linear laws, the others' see `lawful`:
 
     With e the rotated strain plus the material's known offset, D its stiffness, and strain and rate at
     x_a = base + ahead + reach v and v_a = before + follow v (see `schemes`), the stress impulse is
@@ -97,11 +107,12 @@ def elastic_rows(
     For backward Euler C = 1 / (D V dt (dt + beta)), c = -e / (dt + beta) (Benevolensky & Voroshilov 2009, section 2).
     """
     strains = domain_strains(kinds, stage.base, kind)
+    ahead = strains if turns is None else turned_ahead(kinds, strains, turns)
     return tuple(
-        law_rows(each, stage, material, rotation)
+        law_rows(each, stage, material, start[1])
         if isinstance(material, LawMaterial)
         else _rows(each, strain, rotation, stage, material)
-        for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True)
+        for each, start, (strain, rotation, _), material in zip(kinds, strains, ahead, materials, strict=True)
     )
 
 

@@ -120,7 +120,7 @@ def _status(looked_at: list[tuple[str, Any, Range]]) -> Array:
 def _finite(state: State) -> Array:
     """Whether a state is: of soft bodies by their nodes, which lead what they remember."""
     places, speeds = jax.lax.stop_gradient((state.positions, state.velocities))
-    good = [(jnp.isfinite(places) & jnp.isfinite(speeds)).all()]
+    good = [(jnp.isfinite(places) & jnp.isfinite(speeds)).all() & jnp.isfinite(state.time)]
     if state.accelerations is not None:
         good.append(jnp.isfinite(jax.lax.stop_gradient(state.accelerations)).all())
     if state.rigid is not None:

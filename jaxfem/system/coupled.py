@@ -28,6 +28,7 @@ from jaxfem.rows.contact import Gaps, contact_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.system.impacts import gaps_of, island_slots, with_impacts
+from jaxfem.system.momentum import turns_ahead
 from jaxfem.system.names import contact_name, friction_name, joint_name
 from jaxfem.system.pull import needed_stiffness, pulls
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
@@ -60,7 +61,8 @@ def coupled_system(
     if model.scheme.restarts:
         unhindered = _unhindered(model, params, state, dt, forces)
         impact = _impact(model, params, state, dt, unhindered, at)
-    soft = step_system(model, params, state, dt, forces, impact=impact)
+    turns = turns_ahead(model, params, state, dt)
+    soft = step_system(model, params, state, dt, forces, impact=impact, turns=turns)
     system = soft if model.rigid is None else _with_rigid(soft, model, params, state, dt, at, pull or {})
     elastic = tuple(each.replace(nodes=at.unknowns) for each in soft.elastic)
     stage = stage_of(model, state, soft.prescribed, dt, impact)

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
+from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_to_matrix
 from jaxfem.rows.bounds import Impulses
 from jaxfem.system.soft import System, external_force
 
@@ -23,6 +24,10 @@ Array = jax.Array
 
 PUSHED = {True: 1e-9, False: 1e-4}
 """Net impulse, as a share of the sum of impulses, from which bodies are pushed from outside; double and single."""
+
+
+FAR = 0.01
+"""rad in a step: what turns less has the rotations of its start, what turns twice as far those of its end."""
 
 
 class _Groups(NamedTuple):
@@ -61,6 +66,31 @@ def kept(model: Model, system: System, velocities: Array, impulses: Impulses | N
         change = change.at[:nodes].add(jnp.cross(spin[groups.of[:nodes]], arm))
     moving = (system.free[:points] > 0)[:, None]
     return velocities.at[:points].add(jnp.where(moving, change, 0))
+
+
+def turns_ahead(model: Model, params: Params, state: State, dt: Array) -> Array | None:
+    """By how much each soft body will have turned as a whole at the end of a step, (bodies, 3, 3), where that is far.
+
+    Rotations of the start leave a turn's chord for its arc, that is a strain of half its square, which feeds energy to
+    a spin. Those of the end are known ahead for its rigid part, so a step stays linear. None where no body is loose,
+    and for schemes that know better.
+    """
+    if model.drifting is None or not model.scheme.straight:
+        return None
+    nodes, count = model.nodes, len(model.bodies)
+    loose = model.drifting.loose[:count]
+    groups = _Groups(model.drifting.body[:nodes], count, loose, loose)
+    mass = nodal_mass(model, params.density)[:, None]
+    arm, pace = (_arms(groups, mass, each) for each in (state.positions, state.velocities))
+    turns = [jnp.cross(axis, arm) for axis in jnp.eye(3, dtype=arm.dtype)]
+    products = jnp.stack([jnp.sum(mass * a * b, -1) for a in turns for b in turns], -1)
+    spin = _spins(groups.sums(products).reshape(-1, 3, 3), groups.sums(mass * jnp.cross(arm, pace)))
+    angle = dt * spin * loose[:, None]
+    square = jnp.sum(angle**2, -1, keepdims=True)
+    size = jnp.sqrt(jnp.where(square > 0, square, 1))
+    share = jnp.where(square > 0, jnp.clip(size / FAR - 1, 0, 1), 0)
+    turned: Array = quaternion_to_matrix(quaternion_from_rotation_vector(share * angle))
+    return turned
 
 
 def spin_loss(model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None) -> Array:

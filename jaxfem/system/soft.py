@@ -90,11 +90,12 @@ def step_system(
     forces: Array | None = None,
     around: Array | None = None,
     impact: Array | None = None,
+    turns: Array | None = None,
 ) -> System:
     """Prepare a step from `state`; differentiable. `forces` (n, 3) [N]: extra nodal forces, or None.
 
     `around` (n, 3): end-of-step velocities of free nodes; rows and loads are made where they lead, instead of where the
-    step starts. `impact`: see `System`.
+    step starts. `impact`: see `System`. `turns`: see `elastic_rows`.
     """
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
@@ -102,7 +103,8 @@ def step_system(
     stage = stage_of(model, state, prescribed, dt, impact)
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
-    elastic = elastic_rows(model.domains, stage, step_materials(model, params, state, dt, stage), model.rotation)
+    materials = step_materials(model, params, state, dt, stage)
+    elastic = elastic_rows(model.domains, stage, materials, model.rotation, turns)
     return System(
         elastic=elastic,
         mass=mass,

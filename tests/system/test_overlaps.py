@@ -56,3 +56,32 @@ def test_boxes_of_one_size_do_not_drift_off_each_other(friction):
     places = np.asarray(states.rigid.positions)
     assert np.abs(places[:, :, :2]).max() < 1e-4
     np.testing.assert_allclose(places[-1, :, 2], [0.1, 0.3], atol=1e-5)
+
+
+BLOCK, PLANK, CAN = jf.Box((0.2,) * 3), jf.Box((0.6, 0.1, 0.05)), jf.Cylinder(0.1, 0.2)
+ACROSS = (np.sqrt(0.5), 0, 0, np.sqrt(0.5))
+INSIDE = [  # shape, its height at rest, place of the second one, its turn, how far apart they end, along which axis
+    pytest.param(BLOCK, 0.1, (0, 0, 0.2), None, 0.2, 2, id="above"),
+    pytest.param(BLOCK, 0.1, (0.1, 0, 0.1), None, 0.2, 0, marks=pytest.mark.slow, id="beside"),
+    pytest.param(BLOCK, 0.1, (0, 0, 0.1), None, 0.2, 2, id="in one place"),
+    pytest.param(PLANK, 0.025, (0, 0, 0.05), ACROSS, 0.05, 2, marks=pytest.mark.slow, id="planks across"),
+    pytest.param(CAN, 0.1, (0, 0, 0.2), None, 0.2, 2, marks=pytest.mark.slow, id="cylinders"),
+]
+
+
+@pytest.mark.filterwarnings("ignore::jaxfem.OverlapWarning")
+@pytest.mark.parametrize(("shape", "height", "place", "turn", "apart", "axis"), INSIDE)
+def test_two_bodies_inside_each_other_part_at_the_contact_s_speed(shape, height, place, turn, apart, axis):
+    one = jf.RigidBody(shape, mass=1.0, position=(0, 0, height), name="one")
+    other = jf.RigidBody(shape, mass=1.0, position=place, orientation=turn or (1, 0, 0, 0), name="other")
+    contacts = [jf.Contact(one, other), *(jf.Contact(each, jf.Plane()) for each in (one, other))]
+    scene = jf.Scene([one, other], contacts=contacts)
+    states, info = jf.rollout(*jf.build(scene, max_iterations=2000), 1 / 60, 100, every=2)
+    assert not info.status[:25].any()
+    if axis == 2:  # blocks that touch side by side on a floor: some steps reach the limit, and say so
+        assert not info.status.any()
+    speed = float(np.ptp(shape.extent(), axis=0).max())
+    assert float(np.abs(states.rigid.velocities).max()) < 1.01 * speed
+    way = np.asarray(states.rigid.positions[-1, 1] - states.rigid.positions[-1, 0])
+    assert np.abs(way[axis]) == pytest.approx(apart, abs=2e-3)
+    assert float(np.abs(states.rigid.velocities[-1]).max()) < 1e-3

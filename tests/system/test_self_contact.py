@@ -19,29 +19,45 @@ def clip():
     return mesh, inside & np.isclose(mesh.points[:, 2], 0.1), inside & np.isclose(mesh.points[:, 2], 0.2)
 
 
+def between(mesh, places, upper, lower):
+    """Least height of the upper patch above the lower one, where one is above the other: at points all over faces.
+
+    `places` (n, 3). Heights of two patches at the same place: those of other places say nothing, both are bent.
+    """
+
+    def faces(patch):
+        return places[mesh.surface[np.isin(mesh.surface, np.flatnonzero(patch)).all(1)]]
+
+    steps = np.arange(7) / 6
+    weights = np.array([(a, b, 1 - a - b) for a in steps for b in steps if a + b < 1 + 1e-9])
+    points = np.einsum("sk,tki->tsi", weights, faces(upper)).reshape(-1, 3)
+    least = np.inf
+    for a, b, c in faces(lower):
+        own = np.linalg.solve(np.array([b - a, c - a])[:, :2].T, (points - a)[:, :2].T).T
+        inside = (own > 0).all(1) & (own.sum(1) < 1)
+        least = min([least, *(points[inside, 2] - a[2] - own[inside] @ np.array([b - a, c - a])[:, 2])])
+    return least
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "touching",
-    [
-        pytest.param(True, marks=pytest.mark.xfail(reason="patches that press for long sink in by 2 cm", strict=False)),
-        False,
-    ],
-)
+@pytest.mark.parametrize("touching", [True, False])
 def test_the_arms_of_a_clip_do_not_pass_through_each_other(touching):
+    """They press on each other for most of the run, and come to rest so."""
     mesh, lower, upper = clip()
     end = np.flatnonzero(np.isclose(mesh.points[:, 0], 0.3) & np.isclose(mesh.points[:, 2], 0.3))
     held, pull = np.isclose(mesh.points[:, 2], 0), jf.NodalForce(end, (0, 0, -6.0))
     body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0, damping=0.05, fixed=held, loads=[pull])
     contact = jf.Contact(body, body, nodes=upper, against=lower, friction=0.2)
     scene = jf.Scene([body], contacts=[contact] if touching else [])
-    states, info = scenes.rolled(*jf.build(scene, tolerance=1e-7), 1e-2, 40)
+    states, info = scenes.rolled(*jf.build(scene, tolerance=1e-7), 1e-2, 160)
     assert not info.status.any()
-    between = states.positions[:, upper, 2].min(1) - states.positions[:, lower, 2].max(1)
+    gaps = [between(mesh, places, upper, lower) for places in np.asarray(states.positions)[::3]]
     if touching:
-        assert between.min() > -2e-3  # the normals of bent faces lean a little
-        assert between[-1] < 1e-2
+        assert min(gaps) > -3e-3  # between nodes 100 mm apart, where bent faces cut through each other's corners
+        assert abs(gaps[-1]) < 3e-3
+        assert float(np.abs(states.velocities[-1]).max()) < 1e-2
     else:
-        assert between.min() < -2e-2
+        assert min(gaps) < -2e-2
 
 
 def test_momentum_is_kept_while_it_touches_itself():
