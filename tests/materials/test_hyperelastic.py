@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from derivatives import check
 
 import jaxfem as jf
 from jaxfem.materials.moduli import eigenstiffness
@@ -184,3 +185,15 @@ def test_what_cannot_be_served_is_refused_by_name():
             bar(LAWS["neo_hookean"], build=options)
     with pytest.raises(jf.MaterialError, match="c10 \\+ c01 must be > 0 Pa"):
         jf.MooneyRivlin(c10=1e3, c01=-1e3, poisson=0.4)
+
+
+@pytest.mark.slow
+def test_derivatives_in_all_constants():
+    """Forward = reverse = differences to 1e-6, of a bar that bends far."""
+    model, params, state = bar(jf.Yeoh(c1=1.0, poisson=0.4), cells=(1, 1, 1), build={"tolerance": 1e-13})
+
+    def sag(first, second, third, poisson, damping):
+        own = params.replace(c1=3e3 * first, c2=1e3 * second, c3=1e3 * third, poisson=poisson, damping=1e-2 * damping)
+        return 1e2 * jf.rollout(model, own, state, 2e-2, 3)[0].positions[-1, -1, 2]
+
+    check(sag, (1.0, 1.0, 1.0, 0.4, 1.0))
