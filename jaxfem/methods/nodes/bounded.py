@@ -6,10 +6,8 @@ the condition on the pair (v, lam) has no division by a compliance, however smal
     M (v - v*) - J_e' lam_e(v) - J' lam = 0;   c - J v - C lam = 0 between the bounds, lam = bound at one.
 
 Rigid bodies are further triples with 3x3 blocks of their own. A friction bound moves with its normal impulse, which
-makes the derivative unsymmetric: see `solve_pair_tangent`.
-
-A Schur complement on these rows would take one more solve a row and step, 14 iterations each on a cube of 5000
-elements; this way the cube on the ground, with up to 363 such rows, takes 16 in all (benchmarks/soft_cube.py).
+makes the derivative unsymmetric: see `solve_pair_tangent`. A Schur complement on these rows would take one more solve a
+row and step; this way a cube on the ground, up to 363 rows, takes 16 iterations in all (benchmarks/soft_cube.py).
 """
 
 from collections import OrderedDict
