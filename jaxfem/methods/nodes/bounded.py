@@ -83,7 +83,7 @@ def _bounds(system: System, impulses: Impulses, wished: Impulses | None = None) 
 
 @lanes_in_turn
 def solve_bounded(system: System, coarse: Array, guess: Pair, gradient: Array | None = None) -> tuple[Pair, SolveInfo]:
-    """Velocities of free triples (n, 3) and impulses of extra rows, from a guess (its `gradient` if known); and info."""
+    """Velocities of free triples (n, 3), impulses of extra rows, and info; from a guess, its `gradient` if known."""
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
