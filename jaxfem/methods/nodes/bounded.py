@@ -81,10 +81,7 @@ def _bounds(system: System, impulses: Impulses, wished: Impulses | None = None) 
 
 @lanes_in_turn
 def solve_bounded(system: System, coarse: Array, guess: Pair, gradient: Array | None = None) -> tuple[Pair, SolveInfo]:
-    """End-of-step velocities of the free triples (n, 3) and impulses of the extra rows, from a guess; and info.
-
-    `gradient` (n, 3): that of the momentum at the guess, where it is known.
-    """
+    """Velocities of free triples (n, 3), impulses of extra rows, and info; from a guess, its `gradient` if known."""
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
