@@ -186,7 +186,7 @@ def _other_laws() -> Iterator[str]:
             if each.name not in {own.name for own in Linear.constants}
         ]
         options = [f"{name} = {_toml(value)}" for name, value in law.options.items()]
-        yield f'# material = "{word}": {", ".join([*constants, *options]) or "no other constants"}'
+        yield f'# a "{word}" has {", ".join([*constants, *options]) or "no other constants"}'
 
 
 def _blocks() -> Iterator[str]:

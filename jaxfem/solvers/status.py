@@ -30,6 +30,7 @@ class Status(enum.IntEnum):
     INVALID_VALUE = 7
     CONTRADICTORY_JOINTS = 8
     OPEN_JOINTS = 9
+    TURNED_TOO_FAR = 10
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
@@ -67,6 +68,7 @@ _MESSAGES = {
     Status.INVALID_VALUE: "was given a value that cannot be",
     Status.CONTRADICTORY_JOINTS: "contradictory joints",
     Status.OPEN_JOINTS: "left joints open",
+    Status.TURNED_TOO_FAR: "turned too far for a step of straight lines",
 }
 
 

@@ -14,10 +14,12 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_to_matrix
 from jaxfem.rows.bounds import Impulses
+from jaxfem.solvers.status import Status, caused
 from jaxfem.system.soft import System, external_force
 
 Array = jax.Array
@@ -28,6 +30,9 @@ PUSHED = {True: 1e-9, False: 1e-4}
 
 FAR = 0.01
 """rad in a step: what turns less has the rotations of its start, what turns twice as far those of its end."""
+TOO_FAR = {True: 0.25, False: 0.12}
+"""rad in a step: a free body that turns further gains a twentieth of its energy and more, at a radian all bounds are
+lost; of schemes whose positions move straight along the new velocities, and of others."""
 
 
 class _Groups(NamedTuple):
@@ -77,6 +82,36 @@ def turns_ahead(model: Model, params: Params, state: State, dt: Array) -> Array 
     """
     if model.drifting is None or not model.scheme.straight:
         return None
+    angle = _angles(model, params, state, dt)
+    square = jnp.sum(angle**2, -1, keepdims=True)
+    size = jnp.sqrt(jnp.where(square > 0, square, 1))
+    share = jnp.where(square > 0, jnp.clip(size / FAR - 1, 0, 1), 0)
+    turned: Array = quaternion_to_matrix(quaternion_from_rotation_vector(share * angle))
+    return turned
+
+
+def turning_status(model: Model, params: Params, state: State, dt: Array, status: Array) -> Array:
+    """The status of a step from `state`: that given, or where it is 0 that of a body which turns too far in it.
+
+    Of soft bodies that nothing holds.
+    """
+    if model.drifting is None or not model.bodies:
+        return status
+    params, state, dt = jax.lax.stop_gradient((params, state, dt))
+    size = jnp.linalg.norm(_angles(model, params, state, dt), axis=1)
+    codes = [caused(Status.TURNED_TOO_FAR, f'"{name}", {_WHY}') for name in model.bodies]
+    found = jnp.asarray(np.array(codes, np.int32))[jnp.argmax(size)]
+    return jnp.where(
+        (size.max() > TOO_FAR[model.scheme.straight]) & (status == int(Status.CONVERGED)), found, status
+    ).astype(jnp.int32)
+
+
+_WHY = "which gains energy by it: take a smaller time step"
+
+
+def _angles(model: Model, params: Params, state: State, dt: Array) -> Array:
+    """Rotation vectors (bodies, 3) of each soft body's turn as a whole in a step, zero where something holds it."""
+    assert model.drifting is not None
     nodes, count = model.nodes, len(model.bodies)
     loose = model.drifting.loose[:count]
     groups = _Groups(model.drifting.body[:nodes], count, loose, loose)
@@ -85,12 +120,7 @@ def turns_ahead(model: Model, params: Params, state: State, dt: Array) -> Array 
     turns = [jnp.cross(axis, arm) for axis in jnp.eye(3, dtype=arm.dtype)]
     products = jnp.stack([jnp.sum(mass * a * b, -1) for a in turns for b in turns], -1)
     spin = _spins(groups.sums(products).reshape(-1, 3, 3), groups.sums(mass * jnp.cross(arm, pace)))
-    angle = dt * spin * loose[:, None]
-    square = jnp.sum(angle**2, -1, keepdims=True)
-    size = jnp.sqrt(jnp.where(square > 0, square, 1))
-    share = jnp.where(square > 0, jnp.clip(size / FAR - 1, 0, 1), 0)
-    turned: Array = quaternion_to_matrix(quaternion_from_rotation_vector(share * angle))
-    return turned
+    return dt * spin * loose[:, None]
 
 
 def spin_loss(model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None) -> Array:

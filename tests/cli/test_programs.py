@@ -132,7 +132,7 @@ def test_a_second_run_compiles_nothing(tmp_path):
     names = ("JAX_COMPILATION_CACHE_DIR", "JAX_ENABLE_COMPILATION_CACHE", programs.SWITCH)
     environ = {name: value for name, value in os.environ.items() if name not in names}
     environ |= {"JAXFEM_CACHE": str(tmp_path / "kept"), "JAX_LOG_COMPILES": "1"}
-    command = [sys.executable, "-m", "jaxfem", "simulate", str(tmp_path / "run.toml"), "--no-plots"]
+    command = [sys.executable, "-m", "jaxfem", "simulate", str(tmp_path / "run.toml"), "--no-plots", "--force"]
 
     def run(*options):
         done = subprocess.run([*command, *options], capture_output=True, text=True, env=environ, check=True)
