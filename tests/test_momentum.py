@@ -132,3 +132,16 @@ def test_a_spin_stores_no_energy(speed, most):
     first, last = (jf.energies(model, params, each) for each in (state, jax.tree.map(lambda leaf: leaf[-1], states)))
     ratio = float((last.kinetic + last.elastic) / (first.kinetic + first.elastic))
     assert 0.99 < ratio < most
+
+
+def test_a_body_that_turns_too_far_in_a_step_is_named():
+    """At a third of a radian a step energy grows by a tenth and more; a body that is held may turn as it is driven."""
+    model, params, state = jf.build(jf.Scene([cube(damping=0.0, name="top")], gravity=(0, 0, 0)))
+
+    def after(speed):
+        turning = jnp.cross(speed * jnp.array([0.6, 0.0, 0.8]), state.positions - state.positions.mean(0))
+        return jf.step(model, params, state.replace(velocities=turning), DT)[1].status
+
+    assert int(after(5.0)) == 0
+    told = jf.solvers.describe(after(20.0))
+    assert "turned too far" in told and '"top"' in told and "smaller time step" in told
