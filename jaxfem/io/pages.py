@@ -16,6 +16,7 @@ from jaxfem.io.fields import FIELDS
 from jaxfem.io.page_meshes import Shown, quantised, shown_parts
 
 HERE = Path(__file__).parent / "page"
+TEXTS = {"STYLE": ("page.css",), "SCRIPT": ("numbers.js", "parts.js", "graphs.js", "player.js")}
 UNITS = {"displacement": "m", "velocity": "m/s"}
 
 
@@ -70,7 +71,7 @@ def _page(frames: list[Frame], title: str, tables: Mapping[str, Any]) -> str:
         "graphs": [_graph(name, *table) for name, table in tables.items()],
     }
     texts = {
-        name: (HERE / file).read_text(encoding="utf-8") for name, file in (("STYLE", "page.css"), ("SCRIPT", "page.js"))
+        name: "\n".join((HERE / file).read_text(encoding="utf-8") for file in files) for name, files in TEXTS.items()
     }
     template = string.Template((HERE / "page.html").read_text(encoding="utf-8"))
     encoded = json.dumps(data, allow_nan=False, separators=(",", ":")).replace("</", "<\\/")

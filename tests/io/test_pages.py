@@ -96,7 +96,7 @@ def test_size_of_a_hundred_frames_of_ten_thousand_triangles(tmp_path):
 @pytest.mark.skipif(NODE is None, reason="needs node")
 def test_the_scripts_own_numbers():
     script = f"""
-const page = require({json.dumps(str(HERE / "page.js"))});
+const page = require({json.dumps(str(HERE / "numbers.js"))});
 const camera = {{ yaw: 0.3, pitch: 0.5, distance: 2, size: 1, target: [1, 2, 3] }};
 const view = page.viewMatrix(camera, 1.5);
 const at = (m, p) => [0, 1, 2, 3].map((i) => m[i] * p[0] + m[4 + i] * p[1] + m[8 + i] * p[2] + m[12 + i]);
