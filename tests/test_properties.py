@@ -76,7 +76,6 @@ def test_what_is_turned_moves_turned(seed, material, dt, amount):
     np.testing.assert_allclose(speeds_turned, speeds @ turn.T, atol=1e-5 * max(SIDE / dt, np.abs(speeds).max()))
 
 
-@pytest.mark.xfail(reason="momentum follows the solver's tolerance in stiff bodies with long steps", strict=False)
 @few
 @given(seeds, materials, steps, some.floats(0, 1))
 def test_a_free_body_keeps_its_momentum(seed, material, dt, amount):
