@@ -7,7 +7,6 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 import scenes
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as some
