@@ -121,7 +121,7 @@ class Run:
         if int(self.infos[-1].inverted):
             told.append(f"info.inverted = {int(self.infos[-1].inverted)} at the end")
         lost = max((float(info.spin_loss) for info in self.infos if info.spin_loss is not None), default=0.0)
-        if self.world.free and lost > (LOST if self.frames[0].positions.dtype.itemsize > 4 else 1e-5):
+        if self.world.free and lost > (LOST if self.world.model.rest.dtype.itemsize > 4 else 1e-5):
             told.append(f"info.spin_loss = {lost:.3g} in a step")
         return told
 
