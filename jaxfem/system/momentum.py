@@ -28,6 +28,9 @@ PUSHED = {True: 1e-9, False: 1e-4}
 """Net impulse, as a share of the sum of impulses, from which bodies are pushed from outside; double and single."""
 
 
+ROUNDING = 8.0
+"""Times the precision and the momentum of a body's nodes: what is no loss of spin."""
+
 FAR = 0.01
 """rad in a step: what turns less has the rotations of its start, what turns twice as far those of its end."""
 TOO_FAR = {True: 0.25, False: 0.12}
@@ -137,7 +140,7 @@ def spin_loss(model: Model, params: Params, before: State, after: State, dt: Arr
     loose = model.drifting.loose[:count]
     groups = _Groups(bodies, count, loose, loose)
     mass, shared = nodal_mass(model, params.density)[:, None], shared_mass(model, params.density)
-    ends = []
+    ends, noise = [], jnp.zeros(count, mass.dtype)
     for state in (before, after):
         arm = _arms(groups, mass, state.positions)
         mean = _divided(groups.sums(mass * state.velocities), groups.sums(mass))
@@ -145,10 +148,14 @@ def spin_loss(model: Model, params: Params, before: State, after: State, dt: Arr
         momentum = mass * own if shared is None else mass * own + shared.apply(own)
         size = groups.sums(jnp.linalg.norm(arm, axis=1, keepdims=True) * jnp.linalg.norm(momentum, axis=1)[:, None])
         ends.append((groups.sums(jnp.cross(arm, momentum)), size[:, 0], arm))
+        pace = jnp.linalg.norm(mass * state.velocities, axis=1, keepdims=True)
+        noise += groups.sums(jnp.linalg.norm(arm, axis=1, keepdims=True) * pace)[:, 0]
     load = external_force(model, params, before.positions, forces)
     change = ends[1][0] - ends[0][0] - dt * groups.sums(jnp.cross(ends[0][2], load))
     scale = jnp.maximum(ends[0][1], ends[1][1])
-    share = jnp.linalg.norm(change, axis=1) / jnp.where(scale > 0, scale, 1)
+    # A body that hardly turns has no more spin than the rounding of its way makes.
+    lost = jnp.maximum(jnp.linalg.norm(change, axis=1) - ROUNDING * jnp.finfo(mass.dtype).eps * noise, 0)
+    share = lost / jnp.where(scale > 0, scale, 1)
     return jnp.max(share * loose)
 
 
