@@ -47,7 +47,6 @@ def test_friction_without_rows_for_it_has_a_status_that_says_what_to_do():
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="not a number since free turns and impacts met: the derivative's solve fails", strict=False)
 def test_single_precision_derivatives_of_a_box_that_has_stopped_are_those_of_the_way_it_slid():
     body = jf.RigidBody(jf.Box((0.2, 0.2, 0.2)), mass=1.0, position=(0, 0, 0.1))
     contact = jf.Contact(body, jf.Plane(), friction=0.3)
