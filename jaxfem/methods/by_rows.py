@@ -16,7 +16,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
 from jaxfem.system.holding import held, unmet
-from jaxfem.system.momentum import kept, turns_ahead
+from jaxfem.system.momentum import kept, turning_status, turns_ahead
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
@@ -65,10 +65,10 @@ class RowMethod(Method):
 
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
-        if not model.joints:
-            return following, info
-        status = held(model, params, configuration(following), found.missed, dt, info.status)
-        return following, info.replace(status=status)
+        status = info.status
+        if model.joints:
+            status = held(model, params, configuration(following), found.missed, dt, status)
+        return following, info.replace(status=turning_status(model, params, state, dt, status))
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""

@@ -11,7 +11,7 @@ from jaxfem.system.account import booked
 from jaxfem.system.carry import carried, increments_only
 from jaxfem.system.coupled import advance_rigid
 from jaxfem.system.memory import committed
-from jaxfem.system.momentum import spin_loss, turning_status
+from jaxfem.system.momentum import spin_loss
 from jaxfem.tensors import determinant
 
 Array = jax.Array
@@ -52,7 +52,7 @@ def ended(
         following = following.replace(account=booked(model, params, state, following, dt, forces))
     info = solved.info
     return following, StepInfo(
-        turning_status(model, params, state, dt, info.status),
+        info.status,
         info.iterations,
         info.residual,
         info.weakly_active,

@@ -22,7 +22,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.implicit import implicit_solution, or_nan
 from jaxfem.solvers.status import SolveInfo, Status
-from jaxfem.system.momentum import kept
+from jaxfem.system.momentum import kept, turning_status
 from jaxfem.system.soft import (
     ROUNDING,
     System,
@@ -119,7 +119,8 @@ class ImplicitRotations(Method):
         velocities = jnp.where(free, unknown, prescribed_velocity(model, params, state, dt))
         made = _system(inputs, unknown).replace(positions=jax.lax.stop_gradient(state.positions))
         velocities = kept(model, made, velocities, None)
-        return ended(model, params, state, dt, Solved(velocities, impulses, info), forces=forces)
+        following, told = ended(model, params, state, dt, Solved(velocities, impulses, info), forces=forces)
+        return following, told.replace(status=turning_status(model, params, state, dt, told.status))
 
 
 class _Inputs(Pytree):
