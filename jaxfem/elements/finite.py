@@ -39,7 +39,7 @@ class LawMaterial(DomainMaterial):
 
     def bulk(self, domains: Domains) -> Any:
         """K of what the domains' energy takes of changes of volume, None where it takes none [Pa]."""
-        if domains.part == "deviatoric":
+        if domains.rows.start > 0:
             return None
         return self.volumetric / 3
 

@@ -119,8 +119,8 @@ class Material:
         raise NotImplementedError(f"{type(self).__name__} does not say its stiffness")
 
     def damping(self, values: Values) -> Any:
-        """Time beta [s] of the viscous stress D beta de/dt beside the elastic one."""
-        return 0.0
+        """Time beta [s] of the viscous stress D beta de/dt beside the elastic one: the constant that is `viscous`."""
+        return next((values[each.name] for each in self.constants if each.viscous), 0.0)
 
     def internal0(self, strain: Array) -> Any:
         """What is remembered where the `strain` is (r, D), as at the start: a pytree of arrays, or None, no memory."""

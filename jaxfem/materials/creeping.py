@@ -74,10 +74,6 @@ class CreepPlastic(Material, word="creep_plastic"):
         """(3K, 2 mu) [Pa]."""
         return eigenstiffness(values["young"], values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def internal0(self, strain: Array) -> Array | None:
         """No plastic strain (r, D)."""
         return None if self.volume_preserving and len(strain) == 1 else jnp.zeros_like(strain)

@@ -70,10 +70,6 @@ class J2Plastic(RotatedLaw, word="j2_plastic"):
         """(3K, 2 mu) [Pa]."""
         return eigenstiffness(values["young"], values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def internal0(self, strain: Array) -> Memory | None:
         """No plastic strain; none is kept where the volume alone is taken."""
         if len(strain) == 1:

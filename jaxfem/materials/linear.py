@@ -59,7 +59,3 @@ class Linear(Material, word="linear"):
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa]."""
         return eigenstiffness(values["young"], values["poisson"])
-
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]

@@ -53,10 +53,6 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
         """(3K, 2 mu) [Pa] at rest."""
         return stiffness_of_shear(2 * (values["c10"] + values["c01"]), values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def distortion(self, values: Values, gradient: Matrix3, internal: Any, dt: Any) -> Array:
         """W less K/2 (J - 1)^2 [J/m^3]."""
         return values["c10"] * first_of_shape(gradient) + values["c01"] * second_of_shape(gradient)

@@ -33,10 +33,6 @@ class NeoHookean(Nonlinear, word="neo_hookean"):
         """(3K, 2 mu) [Pa] at rest."""
         return eigenstiffness(values["young"], values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def distortion(self, values: Values, gradient: Matrix3, internal: Any, dt: Any) -> Array:
         """W less K/2 (J - 1)^2 [J/m^3]."""
         mu = shear_modulus(values["young"], values["poisson"])

@@ -79,10 +79,6 @@ class Viscoelastic(Material, word="viscoelastic"):
         """(3K, 2 mu) [Pa], relaxed."""
         return eigenstiffness(values["young"], values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def storage_and_loss(
         self, frequencies: Any, modulus: str = "young", values: Values | None = None
     ) -> tuple[Array, Array]:

@@ -62,10 +62,6 @@ class Yeoh(Nonlinear, word="yeoh"):
         """(3K, 2 mu) [Pa] at rest."""
         return stiffness_of_shear(2 * values["c1"], values["poisson"])
 
-    def damping(self, values: Values) -> Any:
-        """beta [s]."""
-        return values["damping"]
-
     def distortion(self, values: Values, gradient: Matrix3, internal: Any, dt: Any) -> Array:
         """W less K/2 (J - 1)^2 [J/m^3]."""
         x = first_of_shape(gradient)

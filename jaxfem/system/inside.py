@@ -34,7 +34,7 @@ def tensors(model: Model, params: Params, state: State) -> dict[str, list[Array]
     known = zip(model.domains, materials, strains, turns, strict=True)
     stresses = [_stress(*each, state.positions) for each in known]
     # Volumetric stress may be shared between two kinds of domains; the strain is the same on both.
-    told = [each.part != "shared_volumetric" for each in model.domains]
+    told = [each.clusters is None for each in model.domains]
     found = {"stress": _on_elements(model, stresses, [True] * len(told)), "strain": _on_elements(model, strains, told)}
     if state.internal is None:
         return found

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.elements.mass import SharedMass
 from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_to_matrix
 from jaxfem.rows.bounds import Impulses
@@ -70,7 +71,7 @@ def kept(model: Model, system: System, velocities: Array, impulses: Impulses | N
     if model.scheme.straight:
         arm = _arms(groups, mass[:nodes], system.positions)
         torque = groups.sums(jnp.cross(arm, defect[:nodes]))
-        spin = -_spins(_inertia(groups, system, mass[:nodes], arm), torque) * groups.alone[:, None]
+        spin = -_spins(_inertia(groups, system.shared_mass, mass[:nodes], arm), torque) * groups.alone[:, None]
         change = change.at[:nodes].add(jnp.cross(spin[groups.of[:nodes]], arm))
     moving = (system.free[:points] > 0)[:, None]
     return velocities.at[:points].add(jnp.where(moving, change, 0))
@@ -114,16 +115,19 @@ _WHY = "which gains energy by it: take a smaller time step"
 
 def _angles(model: Model, params: Params, state: State, dt: Array) -> Array:
     """Rotation vectors (bodies, 3) of each soft body's turn as a whole in a step, zero where something holds it."""
-    assert model.drifting is not None
-    nodes, count = model.nodes, len(model.bodies)
-    loose = model.drifting.loose[:count]
-    groups = _Groups(model.drifting.body[:nodes], count, loose, loose)
+    groups = _soft_bodies(model)
     mass = nodal_mass(model, params.density)[:, None]
     arm, pace = (_arms(groups, mass, each) for each in (state.positions, state.velocities))
-    turns = [jnp.cross(axis, arm) for axis in jnp.eye(3, dtype=arm.dtype)]
-    products = jnp.stack([jnp.sum(mass * a * b, -1) for a in turns for b in turns], -1)
-    spin = _spins(groups.sums(products).reshape(-1, 3, 3), groups.sums(mass * jnp.cross(arm, pace)))
-    return dt * spin * loose[:, None]
+    spin = _spins(_inertia(groups, None, mass, arm), groups.sums(mass * jnp.cross(arm, pace)))
+    return dt * spin * groups.loose[:, None]
+
+
+def _soft_bodies(model: Model) -> _Groups:
+    """Each soft body by itself, from its nodes."""
+    assert model.drifting is not None
+    count = len(model.bodies)
+    loose = model.drifting.loose[:count]
+    return _Groups(model.drifting.body[: model.nodes], count, loose, loose)
 
 
 def spin_loss(model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None) -> Array:
@@ -132,19 +136,14 @@ def spin_loss(model: Model, params: Params, before: State, after: State, dt: Arr
     Of bodies that nothing holds; relative to sum m |x| |v| about the centre. Where joints or contacts pushed it, what
     they did is in it.
     """
-    assert model.drifting is not None
     params, before, after, dt, forces = jax.lax.stop_gradient((params, before, after, dt, forces))
-    nodes = model.nodes
-    bodies = model.drifting.body[:nodes]
-    count = len(model.bodies)
-    loose = model.drifting.loose[:count]
-    groups = _Groups(bodies, count, loose, loose)
+    groups = _soft_bodies(model)
     mass, shared = nodal_mass(model, params.density)[:, None], shared_mass(model, params.density)
-    ends, noise = [], jnp.zeros(count, mass.dtype)
+    ends, noise = [], jnp.zeros(groups.number, mass.dtype)
     for state in (before, after):
         arm = _arms(groups, mass, state.positions)
         mean = _divided(groups.sums(mass * state.velocities), groups.sums(mass))
-        own = state.velocities - mean[bodies]
+        own = state.velocities - mean[groups.of]
         momentum = mass * own if shared is None else mass * own + shared.apply(own)
         size = groups.sums(jnp.linalg.norm(arm, axis=1, keepdims=True) * jnp.linalg.norm(momentum, axis=1)[:, None])
         ends.append((groups.sums(jnp.cross(arm, momentum)), size[:, 0], arm))
@@ -156,7 +155,7 @@ def spin_loss(model: Model, params: Params, before: State, after: State, dt: Arr
     # A body that hardly turns has no more spin than the rounding of its way makes.
     lost = jnp.maximum(jnp.linalg.norm(change, axis=1) - ROUNDING * jnp.finfo(mass.dtype).eps * noise, 0)
     share = lost / jnp.where(scale > 0, scale, 1)
-    return jnp.max(share * loose)
+    return jnp.max(share * groups.loose)
 
 
 def _pushes(system: System, impulses: Impulses | None, points: int) -> tuple[Array, Array]:
@@ -190,13 +189,13 @@ def _arms(groups: _Groups, mass: Array, places: Array) -> Array:
     return places - centre[groups.of[: places.shape[0]]]
 
 
-def _inertia(groups: _Groups, system: System, mass: Array, arm: Array) -> Array:
+def _inertia(groups: _Groups, shared: SharedMass | None, mass: Array, arm: Array) -> Array:
     """Inertia of each group about its centre of mass, (g, 3, 3)."""
     axes = jnp.eye(3, dtype=arm.dtype)
     turns = [jnp.cross(axis, arm) for axis in axes]  # velocities of turning about each axis
     momenta = [mass * turn for turn in turns]
-    if system.shared_mass is not None:
-        momenta = [own + system.shared_mass.apply(turn) for own, turn in zip(momenta, turns, strict=True)]
+    if shared is not None:
+        momenta = [own + shared.apply(turn) for own, turn in zip(momenta, turns, strict=True)]
     products = jnp.stack([jnp.sum(a * b, -1) for a in turns for b in momenta], -1)
     return groups.sums(products).reshape(-1, 3, 3)
 
