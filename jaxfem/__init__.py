@@ -7,7 +7,18 @@ from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies, with_account
-from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.fitting import (
+    FitError,
+    FitResult,
+    Gaussian,
+    LogNormal,
+    Noise,
+    Recording,
+    Take,
+    fit,
+    fit_takes,
+    read_recording,
+)
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.creeping import CreepPlastic
@@ -46,11 +57,13 @@ __all__ = [
     "Energies",
     "FitError",
     "FitResult",
+    "Gaussian",
     "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
     "J2Plastic",
     "Linear",
+    "LogNormal",
     "Material",
     "MaterialError",
     "MeshError",
@@ -61,6 +74,7 @@ __all__ = [
     "Motor",
     "NeoHookean",
     "NodalForce",
+    "Noise",
     "Nonlinear",
     "OverlapWarning",
     "Params",
@@ -82,6 +96,7 @@ __all__ = [
     "State",
     "StepError",
     "StepInfo",
+    "Take",
     "TetMesh",
     "Traction",
     "TriangleMesh",
@@ -94,6 +109,7 @@ __all__ = [
     "energies",
     "equilibrium",
     "fit",
+    "fit_takes",
     "impulses",
     "mesh",
     "modes",
