@@ -83,6 +83,13 @@ FIT: dict[str, Line] = {
     "substeps": ("2", "time steps a sample; the scene's step without it"),
     "sigma": ("1e-4", "m, noise of the recording; found without it"),
     "checks": ('"refuse"', 'what cannot be right; or "warn"'),
+    "own": ('["delay"]', "of several [[take]]s, what each has for itself"),
+}
+NOISE: dict[str, Line] = {
+    "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),
+    "loss": ('"square"', 'or "huber", "student": outliers count less'),
+    "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
+    "known": ("false", "true: sigma is the standard deviation itself"),
 }
 RECORDING: dict[str, Line] = {
     "file": ('"recording.csv"', ""),
@@ -119,7 +126,6 @@ def fit_template(scene: str = "scene.toml") -> str:
     """A fit of that scene, with all other keys in comments."""
     recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
     explained = [f"#   {key}: {RECORDING[key][1]}" for key in fit_files.RECORDING_KEYS if RECORDING[key][1]]
-    keys = [key for key in fit_files.FIT_KEYS if key not in ("bounds", "starts")]
     parts = [
         "# A fit with every key that `jaxfem fit` reads; what is in comments may be left out.",
         "",
@@ -127,11 +133,15 @@ def fit_template(scene: str = "scene.toml") -> str:
         _line("recording", '"recording.csv"', "times, and the places of markers; most formats are known"),
         _line(f"# recording = {{ {', '.join(recording)} }}", None, "instead of recording"),
         *explained,
+        "# or several: [[take]] tables with name, recording, scene, held_out = true, release, end",
         "",
         "[markers]                       # where each sits on the undeformed body, m",
         "tip = [0.2, 0.05, 0.2]",
         "side = [0.1, 0.1, 0.15]",
-        *_table("[fit]", keys, FIT, ("parameters",)),
+        *_table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
+        *_table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
+        "# [fit.priors]                  # known before: a mean, or a median to a factor",
+        "# young = { median = 2e5, factor = 1.5 }",
         "# [fit.bounds]",
         "# young = [1e3, 1e7]",
         "# [fit.starts]                  # each list one number a starting point",
