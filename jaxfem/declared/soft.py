@@ -11,7 +11,7 @@ from jaxfem.declared.loads import Load
 from jaxfem.elements.smoothing import STRAINS
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.materials.base import Material
-from jaxfem.materials.constants import DENSITY, MaterialError
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, MaterialError
 from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
 from jaxfem.motion import Motion
@@ -36,6 +36,7 @@ class SoftBody:
 
     `young` [Pa], `poisson` and `damping` (beta of C = beta K) [s] make it linear elastic, or `material` says what it is
     made of, like `material=Linear(young=2e5, poisson=0.3)`; `density` [kg/m^3]. Each one number, or one an element.
+    `mass_damping`: alpha [1/s] of a damping C = alpha M beside it, one number a body; None: none.
     `fixed`: nodes held in place, as a name of the mesh's groups, a mask (n,) or indices. `driven`: prescribed motions.
     `velocity`: initial, (3,) or (n, 3) [m/s]. `strain`: kind of strain rows; `rotation`: "polar" or "gram_schmidt".
     Raises SceneError or MaterialError where a value is impossible.
@@ -54,6 +55,7 @@ class SoftBody:
     rotation: RotationKind = "polar"
     name: str | None = None
     material: Material | None = None
+    mass_damping: Any = None
 
     def __post_init__(self) -> None:
         refuse_traced(self)
@@ -105,6 +107,11 @@ class SoftBody:
             raise MaterialError(f'"{label}": {problem}') from None
         for each in (*self.made_of.constants, DENSITY):
             each.checked(label, values[each.name] if each is not DENSITY else self.density, len(self.mesh.cells))
+        if self.mass_damping is not None:
+            if np.ndim(self.mass_damping):
+                shape = np.shape(self.mass_damping)
+                raise MaterialError(f'mass_damping of "{label}" has shape {shape}: give one number')
+            MASS_DAMPING.checked(label, self.mass_damping, len(self.mesh.cells))
 
     def nodes_of(self, what: str, selection: Any) -> np.ndarray:
         """Node indices of a selection: None, a group's name, a mask (n,) or indices."""

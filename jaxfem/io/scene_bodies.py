@@ -11,13 +11,13 @@ from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
 from jaxfem.materials.base import LAWS, Material
-from jaxfem.materials.constants import DENSITY, Constant, MaterialError
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant, MaterialError
 from jaxfem.materials.linear import Linear
 from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, from_surface, read, read_surface
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
-    *("name", "mesh", "position", "rotate", "material", "density"),
+    *("name", "mesh", "position", "rotate", "material", "density", "mass_damping"),
     *("fixed", "velocity", "strain", "rotation", "driven", "load"),
 )
 MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
@@ -61,6 +61,7 @@ def read_body(table: Table, folder: Path) -> SoftBody:
     return SoftBody(
         mesh,
         density=_constant(table, mesh, DENSITY),
+        mass_damping=table.number(MASS_DAMPING.name, unit=MASS_DAMPING.unit) if MASS_DAMPING.name in table else None,
         material=_material(table, mesh),
         fixed=select_nodes(table, "fixed", mesh) if "fixed" in table else None,
         driven=[_driven(values, mesh, place) for values, place in _children(table, "driven")],

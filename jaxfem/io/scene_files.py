@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxfem.building import ROTATION_UPDATES, build
+from jaxfem.building import ROTATION_UPDATES, build, more_constants
 from jaxfem.declared.scene import Scene
 from jaxfem.elements.mass import MASSES, MassKind
 from jaxfem.io.fields import FIELDS
@@ -65,7 +65,7 @@ class SceneFile:
     def constants(self) -> tuple[Constant, ...]:
         """The constants of the soft bodies' materials, then density."""
         own = [each for body in self.scene.soft for each in body.made_of.constants]
-        return (*dict.fromkeys(own), DENSITY)
+        return (*dict.fromkeys(own), *more_constants(self.scene.soft), DENSITY)
 
     def build(self) -> tuple[Model, Params, State]:
         """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
