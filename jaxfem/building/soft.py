@@ -8,6 +8,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.declared.errors import AccuracyWarning as AccuracyWarning
 from jaxfem.declared.scene import SceneError, SoftBody
 from jaxfem.elements.domains import Domains
 from jaxfem.elements.smoothing import STRAINS, build_domains
@@ -16,10 +17,6 @@ from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import MeshWarning
 from jaxfem.mesh.troubles import troubles
 from jaxfem.model import Params
-
-
-class AccuracyWarning(UserWarning):
-    """The scene will run, but its discretisation is known to be biased there."""
 
 
 def check_body(body: SoftBody, name: str) -> None:

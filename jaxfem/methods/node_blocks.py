@@ -24,14 +24,14 @@ EXACT = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer 
 
 
 class NodePairs(Pytree):
-    """Nodes that share an element: `neighbours` (n, w), a node's own first and on padding; `slots` (E, 4, 4): place of
-    the block of an element's corners a and b among the n w blocks."""
+    """Nodes that share an element: `neighbours` (n, w), a node's own first and on padding; `slots` (E, k, k): place of
+    the block of an element's corners a and b among the n w blocks, of k corners (two of a spring)."""
 
     neighbours: Array
     slots: Array
 
     def summed(self, blocks: Array) -> Array:
-        """The matrix (n, 3, 3 w) of blocks (E, 4, 4, 3, 3)."""
+        """The matrix (n, 3, 3 w) of blocks (E, k, k, 3, 3)."""
         n, width = self.neighbours.shape
         total = jnp.zeros((n * width, 3, 3), blocks.dtype).at[self.slots].add(blocks)
         return total.reshape(n, width, 3, 3).transpose(0, 2, 1, 3).reshape(n, 3, 3 * width)
@@ -43,8 +43,9 @@ class NodePairs(Pytree):
 
 
 def node_pairs(cells: np.ndarray, nodes: int) -> NodePairs:
-    """The pairs of the corners of `cells` (E, 4); host side."""
-    first, second = (np.repeat(cells, 4, 1), np.tile(cells, (1, 4)))
+    """The pairs of the corners of `cells` (E, k); host side."""
+    corners = cells.shape[1]
+    first, second = np.repeat(cells, corners, 1), np.tile(cells, (1, corners))
     own = np.arange(nodes)
     # A node's own pair sorts first: it is numbered 0, all others by their node + 1.
     key = first * (nodes + 1) + np.where(first == second, 0, second + 1)
@@ -55,7 +56,7 @@ def node_pairs(cells: np.ndarray, nodes: int) -> NodePairs:
     width = int(rank.max(initial=0)) + 1
     neighbours = np.repeat(own[:, None], width, 1)
     neighbours[row, rank] = column
-    slots = (row * width + rank)[place[nodes:]].reshape(-1, 4, 4)
+    slots = (row * width + rank)[place[nodes:]].reshape(-1, corners, corners)
     return NodePairs(on_device(neighbours, jnp.int32), on_device(slots, jnp.int32))
 
 
