@@ -68,7 +68,7 @@ def test_derivatives_and_lanes():
         (dict(material=jf.CreepPlastic(young=1e5, poisson=0.3, damping=0.0, yield_strain=0.1, creep=1.0)), {}, "Creep"),
     ],
 )
-@pytest.mark.parametrize("solver", ["assembled", "mass_spring"])
+@pytest.mark.parametrize("solver", ["assembled", "mass_spring", "groupwise"])
 def test_what_it_cannot_do_is_refused_by_name(solver, body, build, words):
     material = {} if "material" in body else dict(young=1e5, poisson=0.3)
     made = jf.SoftBody(jf.mesh.box((0.1, 0.1, 0.1), 1), density=1e3, **material, **body)
