@@ -55,7 +55,8 @@ class Groupwise(Method):
     """Bodies cut into `groups` each, or into groups of at most `size` elements, with one rotation a group.
 
     `binding`: "exact", one multiplier a shared copy; or k [N/m] of (12), then `rounds` of it a step, `params.binding`
-    from then on: what is above the stability limit is lowered to it where `enforce`, else has a status.
+    from then on: what is above the stability limit is lowered to it where `enforce`, else has a status; `info.residual`
+    is then how far copies of a node are apart, as a share of their velocities.
     """
 
     groups: int = 4
@@ -87,7 +88,7 @@ class Groupwise(Method):
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Inverses:
         """Inverses of the groups' matrices for `dt`, and the limit of the binding coefficient."""
         held = jax.lax.stop_gradient((model, params, state, dt))
-        made = group_inverses(group_system(*held, None), held[0])
+        made = group_inverses(group_system(*held, None), held[0], held[3])
         return made if self.binding == "exact" else made.replace(limit=coefficient_limit(model.plan, made, held[3]))
 
     def start(self, model: Model, params: Params, state: State) -> GroupMemory:
@@ -109,7 +110,7 @@ class Groupwise(Method):
 
     def _bound(self, given: Prepared, coefficient: Array, dt: Array) -> tuple[Array, SolveInfo, Array]:
         """Velocities (n, 3), info and gap [m/s] after the rounds of (11), (12), from no binding force."""
-        system, limit = given.system, given.inverses.limit
+        system, limit = given.system, given.inverses.limit_at(dt)
         used = jnp.minimum(coefficient, SAFE * limit) if self.enforce else coefficient
         force = jnp.zeros((*system.groups.shared.shape, 3), system.right.dtype)
         push = dt * jnp.append(system.groups.copies, 1)[system.groups.owner][:, :, None] * used

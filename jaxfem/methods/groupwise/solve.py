@@ -28,12 +28,17 @@ Array = jax.Array
 
 class Inverses(Pytree):
     """A^-1 of each group in its own frame, (G, 3 N, 3 N), its `columns` (G, 3 N, 3 S) of shared copies and W
-    `interface` (G, 3 S, 3 S); `limit` () [N/m] of the binding coefficient."""
+    `interface` (G, 3 S, 3 S); `limit` () [N/m] of the binding coefficient for steps of `dt` () [s]."""
 
     whole: Array
     columns: Array
     interface: Array
     limit: Array
+    dt: Array
+
+    def limit_at(self, dt: Array) -> Array:
+        """The limit for steps of another length: less for longer ones, as if masses alone resisted."""
+        return self.limit * jnp.minimum(1, (self.dt / dt) ** 2)
 
 
 class Prepared(Pytree):
@@ -44,7 +49,7 @@ class Prepared(Pytree):
 
 
 @lanes_in_turn
-def group_inverses(system: GroupSystem, model: Model) -> Inverses:
+def group_inverses(system: GroupSystem, model: Model, dt: Array) -> Inverses:
     """Inverses for a step of `dt`, without the limit of the binding coefficient."""
     groups = system.groups
     count, width = groups.nodes.shape
@@ -64,7 +69,9 @@ def group_inverses(system: GroupSystem, model: Model) -> Inverses:
     columns = columns.reshape(count, width, 3, 3 * most)
     rows = jnp.take_along_axis(columns, groups.shared[:, :, None, None], 1) * groups.real[:, :, None, None]
     interface = rows.reshape(count, 3 * most, 3 * most)
-    return Inverses(whole, columns.reshape(count, 3 * width, 3 * most), interface, jnp.asarray(jnp.inf, whole.dtype))
+    return Inverses(
+        whole, columns.reshape(count, 3 * width, 3 * most), interface, jnp.asarray(jnp.inf, whole.dtype), dt
+    )
 
 
 def coefficient_limit(groups: Groups, inverses: Inverses, dt: Array) -> Array:
