@@ -121,3 +121,29 @@ def test_derivatives_and_lanes(integration):
 def test_settings_that_are_not_known_are_refused(settings, words):
     with pytest.raises(jf.SceneError, match=f'"mass_spring" has .*{words}'):
         built(MassSpring(**settings))
+
+
+@pytest.mark.slow
+def test_springs_do_not_converge_where_finite_elements_do():
+    """A cube held all around under a smooth force, with nu = 1/4, the springs' own: orders 0.1 and 2."""
+    off = {}
+    for method in ("mass_spring", "assembled"):
+        for cells in (4, 8):
+            mesh = jf.mesh.box((1.0, 1.0, 1.0), cells)
+            held = (np.abs(mesh.points - 0.5) > 0.5 - 1e-9).any(1)
+            body = jf.SoftBody(mesh, young=1e5, poisson=0.25, density=1.0, fixed=held)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore")
+                model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)), solver=method)
+            # u = s a with s = sin sin sin, a = (1, 0, 0): -div sigma = (lam + mu) pi^2 (s, -c c s, ...) + 3 pi^2 mu u
+            s, c = np.sin(np.pi * mesh.points).T, np.cos(np.pi * mesh.points).T
+            bump = s[0] * s[1] * s[2]
+            mixed = np.stack([bump, -c[0] * c[1] * s[2], -c[0] * s[1] * c[2]], 1)
+            force = np.pi**2 * (0.8 * mixed + 3 * 0.4 * bump[:, None] * np.array([1.0, 0, 0]))
+            small = 0.1 * force * np.asarray(model.nodal_volumes)[:, None]
+            end, info = jf.step(model, params, state, dt=1e3, forces=small)
+            assert int(info.status) == 0
+            way = np.asarray(end.positions) - mesh.points - 1e-6 * np.outer(bump, [1.0, 0, 0])
+            off[method, cells] = np.linalg.norm(way) / np.linalg.norm(1e-6 * bump)
+    assert off["assembled", 8] < off["assembled", 4] / 3.5
+    assert off["mass_spring", 8] > off["mass_spring", 4] / 1.3 > 0.1
