@@ -47,6 +47,8 @@ class Output:
     """
 
     word: ClassVar[str]
+    frames: ClassVar[bool] = True
+    """Whether the first axis is that of the saved frames."""
 
     def __init_subclass__(cls, word: str, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -120,6 +122,7 @@ class Frequencies(Output, word="frequencies"):
     """The `count` lowest natural frequencies (count,) [Hz] about the shape at the start."""
 
     count: Any = dataclasses.field(default=3, metadata=takes(Number(positive=True)))
+    frames: ClassVar[bool] = False
 
     def measured(self, model: Model) -> Callable[[Observed], Any]:
         """As `jf.modes` finds them, which refuses what has none."""
@@ -184,9 +187,10 @@ def _function(model: Model, name: str, given: Any) -> Callable[[Observed], Any]:
             given = OUTPUTS[given].made()
         except TypeError as problem:
             raise SweepError(f'output "{name}" needs more than its word: {problem}') from None
-    if isinstance(given, Output):
+    if hasattr(given, "measured"):
         try:
-            return given.measured(model)
+            measured: Callable[[Observed], Any] = given.measured(model)
+            return measured
         except (SweepError, SceneError) as problem:
             raise SweepError(f'output "{name}": {problem}') from None
     if not callable(given):
