@@ -60,6 +60,7 @@ class Sweep:
         self.engine, self.reason = chosen(self.task, engine, self.devices)
         self.count = len(next(iter(self.variants.values())))
         self.width = self._width(width)
+        self._prepared = self.engine.prepare(self.task)
         self._compiled = self._program()
 
     @property
@@ -80,7 +81,7 @@ class Sweep:
         rows, size = self.rows(chunk), self.width * len(self.devices)
         index = np.minimum(np.arange(rows.start, rows.start + size), rows.stop - 1)
         values = {name: stacked(each[index], self.dtype) for name, each in self.variants.items()}
-        made = self._compiled((self.task.model, self.task.params, self.task.state), values)
+        made = self._compiled((self.task.model, self.task.params, self.task.state), self._prepared, values)
         found: tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
         found = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(rows)], jax.block_until_ready(made))
         return found
@@ -92,7 +93,7 @@ class Sweep:
         mesh = jax.sharding.Mesh(np.array(self.devices), ("lanes",))
         spread, same = jax.sharding.PartitionSpec("lanes"), jax.sharding.PartitionSpec()
         return jax.jit(
-            jax.shard_map(whole, mesh=mesh, in_specs=(same, spread), out_specs=(spread, spread), check_vma=False)
+            jax.shard_map(whole, mesh=mesh, in_specs=(same, same, spread), out_specs=(spread, spread), check_vma=False)
         )
 
     def _width(self, asked: int | None) -> int:

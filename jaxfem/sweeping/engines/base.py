@@ -87,8 +87,12 @@ class Engine:
         """How many variants' saved states are in memory at one time, of a chunk of that width."""
         return 1
 
-    def make(self, task: Task) -> Callable[[tuple[Model, Params, State], dict[str, Array]], Kept]:
-        """The function of the scene and a chunk's values (W, ...), to be compiled."""
+    def prepare(self, task: Task) -> Any:
+        """What all chunks share, made once on the host."""
+        return None
+
+    def make(self, task: Task) -> Callable[[tuple[Model, Params, State], Any, dict[str, Array]], Kept]:
+        """The function of the scene, of what was prepared, and of a chunk's values (W, ...), to be compiled."""
         raise NotImplementedError
 
 

@@ -13,6 +13,6 @@ class InTurn(Engine):
 
     name: ClassVar[str] = "loop"
 
-    def make(self, task: Task) -> Callable[[Any, Any], Kept]:
+    def make(self, task: Task) -> Callable[[Any, Any, Any], Kept]:
         """Of the whole chunk."""
-        return lambda parts, values: jax.lax.map(lambda each: task.one(parts, each), values)
+        return lambda parts, _, values: jax.lax.map(lambda each: task.one(parts, each), values)

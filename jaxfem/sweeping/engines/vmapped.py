@@ -18,6 +18,6 @@ class Vmapped(Engine):
         """All."""
         return width
 
-    def make(self, task: Task) -> Callable[[Any, Any], Kept]:
+    def make(self, task: Task) -> Callable[[Any, Any, Any], Kept]:
         """Of the whole chunk."""
-        return lambda parts, values: jax.vmap(lambda each: task.one(parts, each))(values)
+        return lambda parts, _, values: jax.vmap(lambda each: task.one(parts, each))(values)
