@@ -47,13 +47,16 @@ def rotation(body: Body, f: Array) -> tuple[Array, Array]:
     a0 = body.fence(lambda: 0.5 * (t * t - one) / safe - a2 * t * safe)
     squared, eye = product(body, c, c), jnp.eye(3, dtype=f.dtype)[..., None]
     inverse = body.fence(lambda: a0[:, None, None] * eye + a1[:, None, None] * c + a2[:, None, None] * squared)
-    ordinary = product(body, f, inverse)
+
+    def ordinary() -> Array:
+        found: Array = sum(f[:, :, k, None] * inverse[:, k, None] for k in AXES)
+        return found
 
     def otherwise() -> Array:
         whole = polar_components(tuple(tuple(f[:, i, j] for j in AXES) for i in AXES))
-        return jnp.where(bad[:, None, None], jnp.stack([jnp.stack(row, 1) for row in whole], 1), ordinary)
+        return jnp.where(bad[:, None, None], jnp.stack([jnp.stack(row, 1) for row in whole], 1), ordinary())
 
-    found: Array = jax.lax.cond(bad.any(), otherwise, lambda: ordinary)
+    found: Array = jax.lax.cond(bad.any(), otherwise, ordinary)
     return found, (det <= 0).sum(0, dtype=jnp.int32)
 
 

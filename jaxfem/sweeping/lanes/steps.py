@@ -26,13 +26,15 @@ Array = jax.Array
 
 class Lane(Pytree):
     """What of a variant does not change in a run: `lam`, `mu`, `beta` (E + 1, lanes) or (1, lanes), `mass`
-    (n, 1, lanes), and relative to the body's modes the mean `stiffness`, `density` (lanes,), and mean `damping` [s].
+    (n, 1, lanes), `weight` (n, 3, lanes) [N], and relative to the body's modes the mean `stiffness` and `density`
+    (lanes,), with the mean `damping` [s].
     """
 
     lam: Array
     mu: Array
     beta: Array
     mass: Array
+    weight: Array
     stiffness: Array
     density: Array
     damping: Array
@@ -80,6 +82,7 @@ def lane_of(model: Model, body: Body, params: Params) -> Lane:
         mu=filled(deviatoric / 2),
         beta=filled(beta),
         mass=mass,
+        weight=mass * params.gravity,
         stiffness=mean(deviatoric) / body.stiffness,
         density=mean(per_element(model, params.density)) / body.density,
         damping=mean(beta),
@@ -108,7 +111,7 @@ def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: A
     stage = model.scheme.stage(at, prescribed, free, dt)
     r, inverted = rotation(body, pairing(body, stage.base, body.gradients) + body.nothing)
     turned = turned_gradients(body, r)
-    load = stage.weight * _external(model, body, params, stage.base)
+    load = stage.weight * _external(model, body, lane, params, stage.base)
     v = jnp.where(free, at.velocities, prescribed)
     nf, b = body.free, _right(body, lane, stage, turned, v, load)[: body.free]
     still = jnp.zeros((at.positions.shape[0] - nf, *b.shape[1:]), b.dtype)
@@ -162,12 +165,15 @@ def _ended(
     return kept, Told(kept.failed, found.iterations, found.residual, inverted)
 
 
-def _external(model: Model, body: Body, params: Params, places: Array) -> Array:
-    def one(params: Params, places: Array) -> Array:
-        weight = nodal_mass(model, params.density)[:, None] * params.gravity
-        return (weight + load_force(model.loads, params.loads, places[body.back]))[body.order]
+def _external(model: Model, body: Body, lane: Lane, params: Params, places: Array) -> Array:
+    """Weight and loads, (n, 3, lanes) [N]."""
+    if not model.loads:
+        return lane.weight
 
-    found: Array = body.fence(lambda: jax.vmap(one, in_axes=-1, out_axes=-1)(params, places))
+    def one(params: Params, places: Array) -> Array:
+        return load_force(model.loads, params.loads, places[body.back])[body.order]
+
+    found: Array = body.fence(lambda: lane.weight + jax.vmap(one, in_axes=-1, out_axes=-1)(params, places))
     return found
 
 
