@@ -34,7 +34,7 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
     given = value_status(model, params, state, dt, forces)
     state = begun(model, params, state, forces)
-    following, info = model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    following, info = model.method.step(model, params, state, dt, forces, cached(model, params, state, dt))
     return following, judged(info, following, given)
 
 
@@ -60,7 +60,8 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
     return model.method.prepare(model, params, begun(model, params, state, None), dt)
 
 
-def _cache(model: Model, params: Params, state: State, dt: Array) -> Any:
+def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
+    """What the method prepared, or prepares now."""
     return model.method.prepare(model, params, state, dt) if model.cache is None else model.cache
 
 
@@ -115,10 +116,10 @@ def _rollout(
     series = None if forces is None or forces.ndim != 3 else forces
     given = value_status(model, params, state, dt, forces if series is None else None)
     state = begun(model, params, state, forces if series is None else series[0])
-    cache = _cache(model, params, state, dt)  # made once for all steps
+    cache = cached(model, params, state, dt)  # made once for all steps
 
     taken = (model, params, dt, forces, cache, given)
-    one = _one(*taken) if tries is None else _one_that_ends(*taken, tries)
+    one = _one(*taken) if tries is None else one_that_ends(*taken, tries)
     carried = state if tries is None else (state, jnp.int32(0))
 
     def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
@@ -149,7 +150,7 @@ def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: A
     return recomputed(one)
 
 
-def _one_that_ends(
+def one_that_ends(
     model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array, tries: int
 ) -> Any:
     """A step as a scan's body, that is tried again in halves `tries` times; carries the status that ended the run."""
@@ -179,3 +180,8 @@ def worst(infos: StepInfo) -> StepInfo:
     first = jnp.argmax(infos.status != 0)
     largest: StepInfo = jax.tree.map(lambda leaf: jnp.max(leaf, axis=0), infos)
     return largest.replace(status=infos.status[first])
+
+
+def joined(before: StepInfo, after: StepInfo) -> StepInfo:
+    """`worst` of two."""
+    return worst(jax.tree.map(lambda a, b: jnp.stack([a, b]), before, after))
