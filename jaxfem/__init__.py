@@ -37,6 +37,7 @@ from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, Sign
 from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, scheme_damping
 from jaxfem.statics import equilibrium
 from jaxfem.stepping import StepError, impulses, prepare, rollout, step, with_memory
+from jaxfem.sweeping import SweepError, SweepResult, sweep
 from jaxfem.vibration import modes
 
 __version__ = "0.1.0"
@@ -96,6 +97,8 @@ __all__ = [
     "State",
     "StepError",
     "StepInfo",
+    "SweepError",
+    "SweepResult",
     "Take",
     "TetMesh",
     "Traction",
@@ -121,6 +124,7 @@ __all__ = [
     "scheme_damping",
     "solvers",
     "step",
+    "sweep",
     "with_account",
     "with_memory",
 ]

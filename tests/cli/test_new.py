@@ -29,7 +29,7 @@ def alone(lines):
         elif (
             inside
             and SINGLE.match(line)
-            and not re.search("(file|surface) = ", line)
+            and not re.search("(file|surface|cage) = ", line)
             and not re.match('# material = "[a-z_]+":', line)
         ):
             found.append(number)
@@ -113,7 +113,7 @@ def test_completion_knows_every_command_and_option():
         text = script(shell, parser())
         for word in ("simulate", "view", "--resume", "--no-plots", "completion", "info"):
             assert word.removeprefix("--") in text, (shell, word)
-    assert len(COMMANDS) == 9
+    assert len(COMMANDS) == 10
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="needs bash")
