@@ -15,7 +15,20 @@ from pathlib import Path
 from typing import Any
 
 import jaxfem
-from jaxfem.cli import bench, compare, completion, demo, fit, mesh_info, new, recording_info, simulate, sweep, view
+from jaxfem.cli import (
+    bench,
+    compare,
+    completion,
+    demo,
+    fit,
+    mesh_info,
+    new,
+    recording_info,
+    sensitivity,
+    simulate,
+    sweep,
+    view,
+)
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
 from jaxfem.io.plots import PlotError
@@ -29,6 +42,7 @@ COMMANDS: tuple[Any, ...] = (
     view,
     compare,
     fit,
+    sensitivity,
     sweep,
     demo,
     bench,

@@ -1,5 +1,6 @@
 """Fitting: material values of a soft body from a recording of markers on it."""
 
+from jaxfem.fitting.after import contributions, profile
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.markers import Markers, attach, marker_positions
 from jaxfem.fitting.noise import Noise
@@ -8,6 +9,7 @@ from jaxfem.fitting.recording import Recording, read_recording, write_recording
 from jaxfem.fitting.recovery import fit, fit_takes
 from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.fitting.search import Search
+from jaxfem.fitting.sensitivity import sensitivity
 from jaxfem.fitting.takes import Take
 
 __all__ = [
@@ -22,9 +24,12 @@ __all__ = [
     "Take",
     "TakeFit",
     "attach",
+    "contributions",
     "fit",
     "fit_takes",
     "marker_positions",
+    "profile",
     "read_recording",
+    "sensitivity",
     "write_recording",
 ]

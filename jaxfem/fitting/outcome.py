@@ -73,6 +73,7 @@ def result_of(
         status="steps failed" if status == "converged" and failed else status,
         warnings=(*faults, *warnings),
         repairs=tuple(repairs),
+        solution=(evaluator, best),
     )
 
 

@@ -18,8 +18,8 @@ from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
 from jaxfem.fitting.search import Search, find, levenberg_marquardt
-from jaxfem.fitting.sharing import shared_unknowns
-from jaxfem.fitting.takes import Take, checked_takes, compiled_piece, prepared
+from jaxfem.fitting.sharing import Shared, shared_unknowns
+from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, prepared
 from jaxfem.model import Model, Params, State
 
 CHECKS = ("refuse", "warn")
@@ -84,19 +84,14 @@ def fit_takes(
     Marquardt 1963) with forward-mode Jacobians from a scan over the stiffness, such as Young's modulus. FitError for
     what cannot be fitted.
     """
-    checked_choice("checks", checks, CHECKS, FitError)
-    checked_takes(takes)
     noise = _noise(noise, sigma)
     out = _held_out(takes, held_out)
-    made = [prepared(take, checks) for take in takes if take.name not in out]
+    evaluator, made, shared = assembled(
+        [take for take in takes if take.name not in out], parameters, own, starts, bounds, noise, priors, checks
+    )
+    evaluator.progress = progress
     held = [prepared(take, checks) for take in takes if take.name in out]
-    shared = shared_unknowns(made, parameters, own, starts, bounds)
-    usual = {unit: _usual_scale([each for each in made if each.unit == unit]) for unit in ("m", "px")}
-    pieces = [
-        compiled_piece(each, shared.unknowns, shared.own[k], noise, usual[each.unit]) for k, each in enumerate(made)
-    ]
-    variance = 1.0 if noise.known else 1e-4
-    evaluator = Evaluator(pieces, shared.unknowns, progress, checked_priors(shared.unknowns, priors), variance)
+    usual = usual_scales(made)
     frames = [each.take.frame for each in made]
     faults = [text for each in (*made, *held) for text in each.faults]
     faults += refuse(
@@ -109,6 +104,34 @@ def fit_takes(
     told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
     repairs = [text for each in (*made, *held) for text in each.notes] + outside(made[0].params, shared.unknowns)
     return result_of(evaluator, made, shared, best, noise, told, status, faults, repairs)
+
+
+def assembled(
+    takes: Sequence[Take],
+    parameters: Sequence[str] | None,
+    own: Sequence[str],
+    starts: Sequence[Mapping[str, float]] | None,
+    bounds: Mapping[str, tuple[float, float]] | None,
+    noise: Noise,
+    priors: Mapping[str, Any] | None,
+    checks: str,
+) -> tuple[Evaluator, list[Prepared], Shared]:
+    """What is evaluated of takes: checked, cut, with their unknowns."""
+    checked_choice("checks", checks, CHECKS, FitError)
+    checked_takes(takes)
+    made = [prepared(take, checks) for take in takes]
+    shared = shared_unknowns(made, parameters, own, starts, bounds)
+    usual = usual_scales(made)
+    pieces = [
+        compiled_piece(each, shared.unknowns, shared.own[k], noise, usual[each.unit]) for k, each in enumerate(made)
+    ]
+    known = checked_priors(shared.unknowns, priors)
+    return Evaluator(pieces, shared.unknowns, None, known, 1.0 if noise.known else 1e-4), made, shared
+
+
+def usual_scales(made: Sequence[Prepared]) -> dict[str, float]:
+    """Scale of residuals by their unit, where nothing else is said."""
+    return {unit: _usual_scale([each for each in made if each.unit == unit]) for unit in ("m", "px")}
 
 
 def _noise(noise: Noise | None, sigma: Any) -> Noise:

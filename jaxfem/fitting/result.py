@@ -90,7 +90,7 @@ class FitResult:
     status: str
     warnings: tuple[str, ...]
     repairs: tuple[str, ...] = ()
-    search: Any = None
+    solution: Any = dataclasses.field(default=None, repr=False)
 
     @property
     def iterations(self) -> int:

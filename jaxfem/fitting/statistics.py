@@ -16,7 +16,8 @@ class Uncertainty:
     """`covariance` (P, P) of the free numbers z, `noise` (the residuals' scatter, in units of sigma), `inflation`: how
     many neighbouring samples tell the same, `singular`: whether some combination of the unknowns is not seen at all;
     `partial`: partial autocorrelations of the noise; `freedom`: degrees of freedom of the scatter, as of independent
-    samples; `weakest` (P,): the combination of z that is known worst, in standard deviations of each."""
+    samples; `weakest` (P,): the combination of z that is known worst, in standard deviations of each; `plain`
+    (P, P): the covariance of independent samples, with so many `degrees` of freedom."""
 
     covariance: np.ndarray
     noise: float
@@ -25,12 +26,25 @@ class Uncertainty:
     partial: tuple[float, ...] = ()
     freedom: float = np.inf
     weakest: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
+    plain: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0)))
+    degrees: float = np.inf
 
     @property
     def correlation(self) -> np.ndarray:
         """Correlation (P, P)."""
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.maximum(np.outer(spread, spread), np.finfo(float).tiny))
+
+    def drop(self, now: float, least: float, place: int) -> float:
+        """-2 log likelihood ratio of misfits, sums of squares, where one parameter is off its best value.
+
+        Scaled so that its curvature is that of the error bar, which knows of noise that remembers (Chandler & Bate
+        2007).
+        """
+        ratio = self.plain[place, place] / self.covariance[place, place]
+        if not np.isfinite(self.degrees):
+            return float(ratio * (now - least))
+        return float(ratio * self.degrees * np.log(now / least))
 
     @property
     def factor(self) -> float:
@@ -96,6 +110,8 @@ def uncertainty(
         partial,
         np.inf if known else max(freedom / (1.0 if correlation == "ar" else inflation), 1.0),
         weakest,
+        inverse,
+        np.inf if known else max(freedom, 1.0),
     )
 
 

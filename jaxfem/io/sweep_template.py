@@ -2,7 +2,8 @@
 
 from jaxfem.inputs import inputs_of
 from jaxfem.io import sweep_files
-from jaxfem.io.templates import Line, _line, _table
+from jaxfem.io.fit_keys import Line
+from jaxfem.io.templates import _line, _table
 from jaxfem.sweeping.engines import ENGINES
 from jaxfem.sweeping.outputs import OUTPUTS
 from jaxfem.sweeping.taking import TAKEN

@@ -16,13 +16,13 @@ from jaxfem.elements.smoothing import STRAINS
 from jaxfem.inputs import Input, Nested, Nodes, Number, Text, Vector, inputs_of
 from jaxfem.io import fit_files, scene_bodies, scene_coupling, scene_files
 from jaxfem.io.fields import FIELDS
+from jaxfem.io.fit_keys import FIT, NOISE, RECORDING, Line
 from jaxfem.materials.base import LAWS
 from jaxfem.materials.linear import Linear
 from jaxfem.methods import METHODS
 from jaxfem.rigid.shapes.base import obstacles, solids
 from jaxfem.schemes import SCHEMES
 
-Line = tuple[str, str]
 """The value in TOML and a comment; behind "instead of KEY" in it, KEY must go where this line comes in."""
 
 TIME: dict[str, Line] = {
@@ -77,29 +77,6 @@ MOTION: dict[str, Line] = {
     "center": ("[0.0, 0.0, 0.0]", "m, that it turns about"),
 }
 NUMBERS = {"young": "2e5", "poisson": "0.3", "damping": "0.002", "yield_strain": "0.01", "creep": "1.0"}
-FIT: dict[str, Line] = {
-    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
-    "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
-    "compare": ('"displacement"', 'since the release; or "position"'),
-    "release": ('"auto"', "found: the body is still at first; or a time in s"),
-    "end": ('"settled"', "or a time in s; to the end of the recording without it"),
-    "substeps": ("2", "time steps a sample; the scene's step without it"),
-    "sigma": ("1e-4", "m, noise of the recording; found without it"),
-    "checks": ('"refuse"', 'what cannot be right; or "warn"'),
-    "own": ('["delay"]', "of several [[take]]s, what each has for itself"),
-}
-NOISE: dict[str, Line] = {
-    "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),
-    "loss": ('"square"', 'or "huber", "student": outliers count less'),
-    "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
-    "known": ("false", "true: sigma is the standard deviation itself"),
-}
-RECORDING: dict[str, Line] = {
-    "file": ('"recording.csv"', ""),
-    "unit": ('"m"', "where the file does not say"),
-    "rate": ("100.0", "1/s, where it counts frames"),
-    "camera": ("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4, where it holds pixels"),
-}
 
 
 def scene_template() -> str:

@@ -156,6 +156,15 @@ def test_a_browser_shows_the_report(folder, tmp_path):
     assert int(re.search(r'data-shapes="(\d+)"', body).group(1)) > 50, body
 
 
+@pytest.mark.slow
+def test_sensitivity_is_printed(folder, capsys):
+    (folder / "plan.toml").write_text(FIT)
+    assert main(["sensitivity", str(folder / "plan.toml"), "--sigma", "2e-4"]) == 0
+    told = capsys.readouterr().out
+    assert "scatter by 0.2 mm" in told and "young: standard error" in told and "markers: tip" in told
+    assert "axes: x" in told and told.count("time: 0 to 0.1 s") == 2
+
+
 def test_takes_noise_and_priors_are_read(folder):
     text = FIT.replace('recording = "recording.csv"', "").replace(
         "[output]",

@@ -1,5 +1,7 @@
 """Several recordings at once, some held out; what is known before; markers of different quality; outliers."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -13,8 +15,11 @@ from jaxfem.fitting import (
     Search,
     Take,
     attach,
+    contributions,
     fit_takes,
     marker_positions,
+    profile,
+    sensitivity,
 )
 
 DT, ROWS = 1e-2, 30
@@ -145,3 +150,62 @@ def test_what_takes_contradict_is_refused(beam):
     ):
         with pytest.raises(FitError, match=message):
             fit_takes(takes, parameters="young", **settings)
+
+
+@pytest.mark.slow
+def test_what_tells_most_is_what_a_fit_finds(beam):
+    """Expected error bars are those of the fit; shares sum to one; a driven load's take tells more of the density."""
+    takes = [beam.take("own", noise=2e-5, seed=1, start=TRUE), beam.take("loaded", 0.1, 2e-5, seed=2, start=TRUE)]
+    told = {each.name: each for each in sensitivity(takes, 2e-5, parameters=("young", "damping"))}
+    found = fit_takes(takes, parameters=("young", "damping"), search=QUICK, noise=Noise(sigma=2e-5, known=True))
+    for name, each in told.items():
+        assert found.standard_errors[name] == pytest.approx(each.standard_error, rel=0.1)
+        for shares in (each.takes, each.markers, each.axes, each.windows):
+            assert sum(shares.values()) == pytest.approx(1.0)
+    assert told["young"].markers["tip"] > told["young"].markers["middle"]
+    assert told["young"].takes["loaded"] > told["young"].takes["own"] and "along z" in told["young"].line()
+    with pytest.raises(FitError, match="do not tell young, density apart"):
+        sensitivity(takes[:1], 2e-5, parameters=("young", "density"))
+
+
+@pytest.mark.slow
+def test_profiles_end_where_bars_of_a_linear_problem_do(beam):
+    found = fit_takes([beam.take("take", seed=1)], parameters=("young", "damping"), search=QUICK)
+    got = profile(found, "young")
+    assert got.interval == pytest.approx(found.intervals["young"], rel=2e-3)
+    assert (got.drop >= -1e-6).all() and got.values[np.argmin(got.drop)] == pytest.approx(found.values["young"])
+    with pytest.raises(FitError, match='"poisson" was not fitted'):
+        profile(found, "poisson")
+
+
+@pytest.mark.slow
+def test_a_value_that_only_has_a_limit_gets_a_one_sided_interval(beam):
+    """Where a bound comes before the likelihood has fallen, the interval has no end on that side."""
+    take = beam.take("take", seed=1)
+    free = fit_takes([take], parameters=("young", "damping"), search=QUICK)
+    nearest = free.values["young"] - free.standard_errors["young"]
+    found = fit_takes([take], parameters=("young", "damping"), search=QUICK, bounds={"young": (nearest, 1e6)})
+    low, high = profile(found, "young").interval
+    assert low == -np.inf and high == pytest.approx(free.intervals["young"][1], rel=2e-3)
+
+
+@pytest.mark.slow
+def test_held_values_and_marker_places_add_what_refits_show(beam):
+    """The density's share by sensitivity, against a fit with the density changed; E goes with it."""
+    take = beam.take("take", noise=0.0, start=TRUE)
+    found = fit_takes([take], parameters=("young", "damping"), search=QUICK)
+    density, markers = contributions(found, {"density": 0.01}, places=1e-3)
+    heavier = dataclasses.replace(take, params=take.params.replace(density=1070.0 * 1.01))
+    again = fit_takes([heavier], parameters=("young", "damping"), search=QUICK)
+    for name in TRUE:
+        assert density.shift[name] == pytest.approx(
+            again.values[name] - found.values[name], rel=0.05, abs=2e-3 * TRUE[name]
+        )
+    assert density.shift["young"] == pytest.approx(0.01 * 2e5, rel=0.05) and density.by == "1 %"
+    moved = {**PLACES, "tip": (0.101, 0.015, 0.03)}
+    off = dataclasses.replace(take, markers=attach(beam.model, moved))
+    change = fit_takes([off], parameters=("young", "damping"), search=QUICK).values["young"] - found.values["young"]
+    assert 0.5 * abs(change) < markers.shift["young"] < 10 * abs(change) and markers.by == "1 mm each"
+    for held, message in (({"young": 0.1}, "young was fitted"), ({"friction": 0.1}, 'no constant "friction"')):
+        with pytest.raises(FitError, match=message):
+            contributions(found, held)

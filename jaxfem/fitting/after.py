@@ -1,0 +1,164 @@
+"""After a fit: profile likelihoods, and what uncertain marker places and held values add (Type B, JCGM 100:2008)."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.markers import attach
+from jaxfem.fitting.result import FitResult
+from jaxfem.fitting.search import levenberg_marquardt
+from jaxfem.fitting.unknowns import with_values
+
+EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of one parameter ends (chi^2, one degree)
+STEPS = 24
+
+
+@dataclasses.dataclass(frozen=True)
+class Profile:
+    """-2 log likelihood ratio `drop` (k,) of a parameter's `values` (k,), the others at their best; `interval`: where
+    it passes 3.84, infinite towards a side on which it never does before the bound: the interval is one-sided then."""
+
+    name: str
+    values: np.ndarray
+    drop: np.ndarray
+    interval: tuple[float, float]
+
+
+def profile(result: FitResult, name: str) -> Profile:
+    """The profile likelihood of one parameter (Venzon & Moolgavkar 1988).
+
+    The noise's variance is profiled with the others; where noise remembers, its curvature is that of the error bar.
+    FitError for a name that was not fitted.
+    """
+    evaluator, best = _solution(result)
+    if name not in evaluator.unknowns.names:
+        raise FitError(f'"{name}" was not fitted; fitted: {", ".join(evaluator.unknowns.names)}')
+    place = evaluator.unknowns.names.index(name)
+    bar = float(np.sqrt(best.uncertainty.covariance[place, place]))
+    evaluator.stage = "profile"
+    points = [(float(best.z[place]), 0.0)]
+    ends = [_side(evaluator, best, place, sign * bar, points) for sign in (-1.0, 1.0)]
+    points.sort()
+    transform = evaluator.unknowns.constants[place].transform
+    values = [float(transform.value(jnp.asarray(z))) for z, _ in points]
+    low, high = (None if end is None else float(transform.value(jnp.asarray(end))) for end in ends)
+    interval = (-np.inf if low is None else low, np.inf if high is None else high)
+    return Profile(name, np.array(values), np.array([drop for _, drop in points]), interval)
+
+
+def _side(evaluator: Evaluator, best: Any, place: int, step: float, points: list[tuple[float, float]]) -> float | None:
+    """Where the ratio passes its edge on one side, None where it does not before the bound."""
+    low, high = (float(bound[place]) for bound in evaluator.unknowns.box)
+    free = np.arange(best.z.size) != place
+    least = _misfit(evaluator, best, best.z)
+    z, last = best.z.copy(), (float(best.z[place]), 0.0)
+    for _ in range(STEPS):
+        at = float(np.clip(last[0] + step, low, high))
+        z[place] = at
+        if free.any():
+            z, _ = levenberg_marquardt(evaluator, z, 6, best.weighting, chosen=free, tol=1e-6)
+        drop = best.uncertainty.drop(_misfit(evaluator, best, z), least, place)
+        points.append((at, drop))
+        if drop >= EDGE:
+            share = (np.sqrt(EDGE) - np.sqrt(max(last[1], 0.0))) / (np.sqrt(drop) - np.sqrt(max(last[1], 0.0)))
+            return float(last[0] + share * (at - last[0]))
+        if at in (low, high):
+            return None
+        last = at, drop
+        step *= 1.0 if drop > 0.5 else 1.5
+    return None
+
+
+def _misfit(evaluator: Evaluator, best: Any, z: np.ndarray) -> float:
+    flat = best.weighting.residual(evaluator.residual(z)[0])
+    return float(flat @ flat)
+
+
+@dataclasses.dataclass(frozen=True)
+class Contribution:
+    """How far parameters move where `what` is off by `by`, one standard uncertainty: `shift` by name, in their unit."""
+
+    what: str
+    by: str
+    shift: dict[str, float]
+
+
+def contributions(
+    result: FitResult, held: Mapping[str, float] | None = None, places: float | None = None
+) -> list[Contribution]:
+    """The Type B list of a fit: `held`, name of a constant that was not fitted -> its relative standard uncertainty
+    (density: 0.01); `places`: that of each marker's place on the body [m].
+
+    By sensitivities at the solution: the shift of the least-squares solution where residuals change by dr is
+    -(J'J)^-1 J' dr. Markers are off independently of each other. FitError for a constant that the scene lacks or the
+    fit found.
+    """
+    evaluator, best = _solution(result)
+    residual, jacobian, _ = evaluator.linear(best.z)
+    base = best.weighting.residual(residual)
+    columns = best.weighting.columns(jacobian)
+    solve = np.linalg.pinv(columns @ columns.T) @ columns
+    slopes = evaluator.unknowns.slopes(best.z)
+    names = evaluator.unknowns.names
+
+    def moved(changed: Evaluator) -> np.ndarray:
+        told = best.weighting.residual(changed.residual(best.z)[0])
+        return np.asarray(-solve @ (told - base) * slopes)
+
+    found = []
+    for name, share in dict(held or {}).items():
+        found.append(Contribution(name, f"{100 * share:g} %", _named(names, moved(_scaled(evaluator, name, share)))))
+    if places is not None:
+        square = sum(moved(each) ** 2 for each in _moved_markers(evaluator, places))
+        found.append(Contribution("marker places", f"{1e3 * places:g} mm each", _named(names, np.sqrt(square))))
+    return found
+
+
+def _scaled(evaluator: Evaluator, name: str, share: float) -> Evaluator:
+    """The fit with a held constant changed by a share of itself."""
+    if name in evaluator.unknowns.names:
+        raise FitError(f"{name} was fitted: its uncertainty is in its error bar")
+    pieces = []
+    for piece in evaluator.pieces:
+        constants = piece.problem.params.constants
+        if name not in constants:
+            raise FitError(f'the scene has no constant "{name}"; it has {", ".join(constants)}')
+        value = np.asarray(constants[name]).mean() * (1 + share)
+        params = with_values(piece.problem.params, {name: jnp.asarray(value, constants[name].dtype)})
+        pieces.append(dataclasses.replace(piece, problem=piece.problem.replace(params=params)))
+    return Evaluator(pieces, evaluator.unknowns)
+
+
+def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:
+    """The fit with one marker, of one take, one axis, off its place at a time."""
+    found = []
+    for k, piece in enumerate(evaluator.pieces):
+        markers, rest = piece.problem.markers, piece.problem.model.rest
+        at = np.einsum("ma,mai->mi", np.asarray(markers.weights), np.asarray(rest)[np.asarray(markers.cells)])
+        at = at + np.asarray(markers.offsets)
+        for marker in range(len(at)):
+            for axis in range(3):
+                off = at.copy()
+                off[marker, axis] += places
+                moved = attach(piece.problem.model, dict(zip(markers.names, off, strict=True)))
+                changed = piece.problem.replace(markers=moved)
+                pieces = list(evaluator.pieces)
+                pieces[k] = dataclasses.replace(piece, problem=changed)
+                found.append(Evaluator(pieces, evaluator.unknowns))
+    return found
+
+
+def _named(names: tuple[str, ...], shift: np.ndarray) -> dict[str, float]:
+    return dict(zip(names, shift.tolist(), strict=True))
+
+
+def _solution(result: FitResult) -> tuple[Evaluator, Any]:
+    if result.solution is None:
+        raise FitError("this result holds no solution to go on from: take the one that fit returned")
+    evaluator, best = result.solution
+    return evaluator, best
