@@ -52,6 +52,7 @@ MESHES: dict[str, Line] = {
     "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
     "ball": ("{ ball = 0.05, cells = 2, center = [0, 0, 0.2] }", "m, instead of mesh"),
     "surface": ('{ surface = "scan.stl", scale = 1e-3, size = 0.005 }', "instead of mesh: filled, edges of 5 mm"),
+    "cage": ('{ cage = "scan.stl", scale = 1e-3, elements = 1500 }', "instead of mesh: grid cells around it"),
     "file": ('{ file = "part.msh", scale = 1e-3, merge = true }', "instead of mesh: in mm, doubled nodes joined"),
 }
 BODY: dict[str, Line] = {
@@ -60,7 +61,9 @@ BODY: dict[str, Line] = {
     "rotate": ("{ axis = [0, 0, 1], degrees = 0, center = [0, 0, 0] }", "turned first"),
     "material": ('"linear"', "or one of those below"),
     "density": ("1000.0", "kg/m^3"),
+    "mass_damping": ("1.0", "1/s, alpha of C = alpha M"),
     "fixed": ("{ below = { x = 0.01 } }", 'or a group, "x-", { box = [[..], [..]] }, { nodes = [0] }, a list of these'),
+    "surface": ('{ file = "skin.stl", scale = 1e-3 }', "carried along in the frames; a cage shows its own"),
     "velocity": ("[0.0, 0.0, 0.0]", "m/s, at the start"),
     "strain": ('"element"', f"or {', '.join(each for each in STRAINS if each != 'element')}: where Poisson's is high"),
     "rotation": ('"polar"', 'of the elements; or "gram_schmidt"'),
@@ -106,6 +109,7 @@ def scene_template() -> str:
         *_table("[time]", scene_files.TIME_KEYS, time, ("step", "duration", "save_every")),
         *_scheme_numbers(),
         *_table("[solver]", scene_files.SOLVER_KEYS, solver, ("method",)),
+        *_method_settings(),
         *_table("[output]", scene_files.OUTPUT_KEYS, output, ("folder", "points")),
         *_soft_body(),
         *_rigid_body(),
@@ -158,6 +162,14 @@ def _scheme_numbers() -> Iterator[str]:
     for word in SCHEMES.words():
         for field in dataclasses.fields(SCHEMES[word].made):
             yield f'# with scheme = "{word}": {field.name} = {field.default!r}'
+
+
+def _method_settings() -> Iterator[str]:
+    for word in METHODS.words():
+        for name, default in scene_files.method_settings(word).items():
+            if default is not None:
+                value = str(default).lower() if isinstance(default, bool) else repr(default).replace("'", '"')
+                yield f'# with method = "{word}": {name} = {value}'
 
 
 def _soft_body() -> Iterator[str]:

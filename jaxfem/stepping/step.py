@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.model import Model, Params, State, StepInfo
-from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.differentiation import recomputed
 from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
@@ -134,9 +134,7 @@ def _rollout(
     sliced = None if series is None else series.reshape(blocks, per_block, every, *series.shape[1:])
     if checkpoint is None:
         return block(carried, None if sliced is None else sliced[0])[1]
-    # Solutions are small and dear, all else is large and cheap: keep the first, recompute the second.
-    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
-    _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), carried, sliced, length=blocks)
+    _, saved = jax.lax.scan(recomputed(block), carried, sliced, length=blocks)
     together: tuple[State, StepInfo]
     together = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
     return together
@@ -149,7 +147,7 @@ def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: A
         following, info = model.method.step(model, params, carry, dt, forces if force is None else force, cache)
         return following, judged(info, following, _given(given, force))
 
-    return one
+    return recomputed(one)
 
 
 def one_that_ends(
@@ -166,7 +164,7 @@ def one_that_ends(
             return following, judged(info, following, own)
 
         info = jax.eval_shape(part, carry[0], 1.0)[1]
-        state, failed, told = persistent(part, tries, info)(*carry)
+        state, failed, told = persistent(recomputed(part), tries, info)(*carry)
         return (state, failed), told
 
     return one
