@@ -12,7 +12,8 @@ from jaxfem.declared import Contact
 from jaxfem.declared.joints import JOINTS
 from jaxfem.inputs import inputs_of
 from jaxfem.io import fit_files, load_scene, scene_bodies, scene_coupling, scene_files
-from jaxfem.io.templates import fit_template, scene_template
+from jaxfem.io.fit_template import fit_template
+from jaxfem.io.templates import scene_template
 
 LINES = scene_template().splitlines()
 SINGLE = re.compile(r"# ([a-z_]+) = (.*)")
