@@ -41,6 +41,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         "--worker", metavar="K/N", help="compute every N-th missing shard from the K-th on, and no more"
     )
+    parser.add_argument("--begin", action="store_true", help="check the files, write the manifest, and no more")
     parser.set_defaults(run=run)
 
 
@@ -55,6 +56,9 @@ def run(args: argparse.Namespace) -> int:
     made = prepared(file, file.engine, file.width)
     manifest = Manifest(file.digest, made.count, made.width, made.engine.name, made.reason, file.seed)
     write_manifest(folder, manifest, args.force)
+    if args.begin:
+        print(f"{manifest.count} variants in {manifest.shards} shards, {len(missing(folder, manifest))} missing")
+        return 0
     todo, begun = len(missing(folder, manifest)), time.perf_counter()
     processes = min(args.processes or file.processes or os.cpu_count() or 1, max(todo, 1))
     try:
@@ -101,8 +105,7 @@ def _worker(file: SweepFile, folder: Path, share: str) -> int:
 
 def _watched(source: str, folder: Path, manifest: Manifest, processes: int) -> str:
     """Start the processes and wait for them; what went wrong, in words, or nothing."""
-    environ = {**os.environ, "XLA_FLAGS": f"{os.environ.get('XLA_FLAGS', '')} {ONE_THREAD}".strip()}
-    environ |= {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    environ = one_thread()
     modules = [word for index, word in enumerate(sys.argv) if _imports(sys.argv, index)]
     there = manifest.shards - len(missing(folder, manifest))
     started = []
@@ -132,6 +135,13 @@ def _watched(source: str, folder: Path, manifest: Manifest, processes: int) -> s
         return ""
     said = (folder / f"worker_{failed[0]}.log").read_text(encoding="utf-8").strip().splitlines()
     return f"process {failed[0]} of {processes} ended: {said[-1] if said else started[failed[0]].returncode}"
+
+
+def one_thread() -> dict[str, str]:
+    """The environment of a process that leaves the other cores to others."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    flags = flags if ONE_THREAD in flags else f"{flags} {ONE_THREAD}".strip()
+    return {**os.environ, "XLA_FLAGS": flags, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 
 def _imports(words: list[str], index: int) -> bool:
