@@ -111,7 +111,7 @@ def test_priors_pull_as_their_width_says(beam):
     assert 0.95 / np.sqrt(2) < told.standard_errors["young"] / told.values["young"] / bar < 0.9
     for priors, message in (
         ({"poisson": Gaussian(0.3, 0.1)}, '"poisson", which is not fitted'),
-        ({"young": 2e5}, "give Gaussian"),
+        ({"young": 2e5}, "give a Gaussian"),
     ):
         with pytest.raises(FitError, match=message):
             fit_takes([take], parameters="young", priors=priors)
