@@ -52,6 +52,7 @@ MESHES: dict[str, Line] = {
     "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
     "ball": ("{ ball = 0.05, cells = 2, center = [0, 0, 0.2] }", "m, instead of mesh"),
     "surface": ('{ surface = "scan.stl", scale = 1e-3, size = 0.005 }', "instead of mesh: filled, edges of 5 mm"),
+    "cage": ('{ cage = "scan.stl", scale = 1e-3, elements = 1500 }', "instead of mesh: grid cells around it"),
     "file": ('{ file = "part.msh", scale = 1e-3, merge = true }', "instead of mesh: in mm, doubled nodes joined"),
 }
 BODY: dict[str, Line] = {
@@ -60,7 +61,9 @@ BODY: dict[str, Line] = {
     "rotate": ("{ axis = [0, 0, 1], degrees = 0, center = [0, 0, 0] }", "turned first"),
     "material": ('"linear"', "or one of those below"),
     "density": ("1000.0", "kg/m^3"),
+    "mass_damping": ("1.0", "1/s, alpha of C = alpha M"),
     "fixed": ("{ below = { x = 0.01 } }", 'or a group, "x-", { box = [[..], [..]] }, { nodes = [0] }, a list of these'),
+    "surface": ('{ file = "skin.stl", scale = 1e-3 }', "carried along in the frames; a cage shows its own"),
     "velocity": ("[0.0, 0.0, 0.0]", "m/s, at the start"),
     "strain": ('"element"', f"or {', '.join(each for each in STRAINS if each != 'element')}: where Poisson's is high"),
     "rotation": ('"polar"', 'of the elements; or "gram_schmidt"'),
@@ -83,6 +86,13 @@ FIT: dict[str, Line] = {
     "substeps": ("2", "time steps a sample; the scene's step without it"),
     "sigma": ("1e-4", "m, noise of the recording; found without it"),
     "checks": ('"refuse"', 'what cannot be right; or "warn"'),
+    "own": ('["delay"]', "of several [[take]]s, what each has for itself"),
+}
+NOISE: dict[str, Line] = {
+    "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),
+    "loss": ('"square"', 'or "huber", "student": outliers count less'),
+    "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
+    "known": ("false", "true: sigma is the standard deviation itself"),
 }
 RECORDING: dict[str, Line] = {
     "file": ('"recording.csv"', ""),
@@ -106,6 +116,7 @@ def scene_template() -> str:
         *_table("[time]", scene_files.TIME_KEYS, time, ("step", "duration", "save_every")),
         *_scheme_numbers(),
         *_table("[solver]", scene_files.SOLVER_KEYS, solver, ("method",)),
+        *_method_settings(),
         *_table("[output]", scene_files.OUTPUT_KEYS, output, ("folder", "points")),
         *_soft_body(),
         *_rigid_body(),
@@ -119,7 +130,6 @@ def fit_template(scene: str = "scene.toml") -> str:
     """A fit of that scene, with all other keys in comments."""
     recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
     explained = [f"#   {key}: {RECORDING[key][1]}" for key in fit_files.RECORDING_KEYS if RECORDING[key][1]]
-    keys = [key for key in fit_files.FIT_KEYS if key not in ("bounds", "starts")]
     parts = [
         "# A fit with every key that `jaxfem fit` reads; what is in comments may be left out.",
         "",
@@ -127,11 +137,15 @@ def fit_template(scene: str = "scene.toml") -> str:
         _line("recording", '"recording.csv"', "times, and the places of markers; most formats are known"),
         _line(f"# recording = {{ {', '.join(recording)} }}", None, "instead of recording"),
         *explained,
+        "# or several: [[take]] tables with name, recording, scene, held_out = true, release, end",
         "",
         "[markers]                       # where each sits on the undeformed body, m",
         "tip = [0.2, 0.05, 0.2]",
         "side = [0.1, 0.1, 0.15]",
-        *_table("[fit]", keys, FIT, ("parameters",)),
+        *_table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
+        *_table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
+        "# [fit.priors]                  # known before: a mean, or a median to a factor",
+        "# young = { median = 2e5, factor = 1.5 }",
         "# [fit.bounds]",
         "# young = [1e3, 1e7]",
         "# [fit.starts]                  # each list one number a starting point",
@@ -158,6 +172,14 @@ def _scheme_numbers() -> Iterator[str]:
     for word in SCHEMES.words():
         for field in dataclasses.fields(SCHEMES[word].made):
             yield f'# with scheme = "{word}": {field.name} = {field.default!r}'
+
+
+def _method_settings() -> Iterator[str]:
+    for word in METHODS.words():
+        for name, default in scene_files.method_settings(word).items():
+            if default is not None:
+                value = str(default).lower() if isinstance(default, bool) else repr(default).replace("'", '"')
+                yield f'# with method = "{word}": {name} = {value}'
 
 
 def _soft_body() -> Iterator[str]:
