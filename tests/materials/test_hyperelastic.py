@@ -237,3 +237,21 @@ def test_derivatives_where_an_element_is_inside_out():
         return 1e2 * jf.step(*scene[:1], params.replace(**values), scene[2], 5e-3)[0].positions[-1, 0]
 
     check(end, (1.0, 1.0, 1.0), h=1e-4)
+
+
+@pytest.mark.slow
+def test_lanes_of_a_batch_and_single_precision():
+    """Each lane of vmap is its own run, and float32 keeps its digits."""
+    law = DERIVED["yeoh"]
+    model, params, state = bar(law, cells=(1, 1, 1))
+    shares = jnp.array([0.8, 1.0, 1.3])
+
+    def run(share):
+        return jf.rollout(model, params.replace(c1=share * params.c1), state, 2e-2, 3)[0].positions[-1]
+
+    alone = jnp.stack([run(share) for share in shares])
+    np.testing.assert_allclose(jax.vmap(run)(shares), alone, atol=1e-9)
+    model, params, state = bar(law, cells=(1, 1, 1), build={"dtype": "float32"})
+    states, info = jf.rollout(model, params, state, 2e-2, 3)
+    assert states.positions.dtype == jnp.float32 and not info.status.any()
+    np.testing.assert_allclose(states.positions[-1], alone[1], atol=1e-5)
