@@ -56,7 +56,10 @@ def modes(
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")
     if model.has_memory:
-        raise StepError("modes takes materials without a memory: others have no frequencies of their own")
+        raise StepError(
+            "modes takes materials without a memory: others have no frequencies of their own. Give the body the Linear "
+            "law of its stiffness at the frequency asked for, of Viscoelastic the modulus that storage_and_loss tells"
+        )
     params, state = typed(model, params, state)
     check_call(model, params, state, 1.0)
     found: tuple[Array, Array] = _modes(model, params, state.positions, count, mass)
