@@ -163,14 +163,16 @@ class Nodes(Input):
 
 @dataclasses.dataclass(frozen=True)
 class Vertices(Input):
-    """Points (q, 3) [m] of a surface's file."""
+    """Points (q, 3) [m] of a surface's file, or true: those of the body's own surface."""
 
     example: ClassVar[str] = "{ file = 'skin.stl' }"
 
     def read(self, table: TableLike, key: str, default: Any, sources: Sources) -> Any:
-        """The vertices."""
+        """The vertices; True for those of the body's own surface."""
         if key not in table:
             return default
+        if table.get(key) is True:
+            return True
         return sources.surface(table.table(key, SURFACE_KEYS, f"{key!r} in {table.where}"))[0]
 
 

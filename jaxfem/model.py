@@ -14,7 +14,7 @@ from jaxfem.elements.reshaping import Shaped
 from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
-from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
 from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
@@ -117,7 +117,8 @@ class Model(Shaped):
     number that nodes share where joints or contacts may tie their bodies, where the scheme restarts at impacts.
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
-    holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it.
+    holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it. `more_constants`: those beside
+    the laws' and density, such as mass-proportional damping, of scenes or methods that have them.
     """
 
     rest: Array
@@ -148,12 +149,19 @@ class Model(Shaped):
     islands: Array | None = None
     drifting: Drifting | None = None
     laws: tuple[Material, ...] = static(default=())
+    more_constants: tuple[Constant, ...] = static(default=())
     reshaped: bool = static(default=False)
 
     @property
     def constants(self) -> dict[str, Constant]:
-        """The constants that `Params` holds, by name: those of the bodies' laws, then density."""
-        return {each.name: each for law in dict.fromkeys(self.laws) for each in law.constants} | {DENSITY.name: DENSITY}
+        """The constants that `Params` holds, by name: those of the bodies' laws, density, then `more_constants`."""
+        laws = [each for law in dict.fromkeys(self.laws) for each in law.constants]
+        return {each.name: each for each in (*laws, DENSITY, *self.more_constants)}
+
+    @property
+    def dragged(self) -> bool:
+        """Whether a body has mass-proportional damping."""
+        return MASS_DAMPING in self.more_constants
 
     @property
     def has_memory(self) -> bool:
@@ -196,7 +204,8 @@ def elementwise(model: Model, value: Array) -> Array:
 
 def element_constants(model: Model, params: Params) -> dict[str, Array]:
     """The laws' constants by name, each a scalar () where it is one, else one number an element, (E,)."""
-    return {name: elementwise(model, value) for name, value in params.constants.items() if name != DENSITY.name}
+    others = {DENSITY.name, *(each.name for each in model.more_constants)}
+    return {name: elementwise(model, value) for name, value in params.constants.items() if name not in others}
 
 
 def domain_materials(model: Model, params: Params) -> list[DomainMaterial]:

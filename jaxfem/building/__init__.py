@@ -4,6 +4,6 @@ from jaxfem.building.build import build
 from jaxfem.building.choose import ROTATION_UPDATES
 from jaxfem.building.overlaps import OverlapWarning
 from jaxfem.building.rebuild import rebuild
-from jaxfem.building.soft import AccuracyWarning
+from jaxfem.building.soft import AccuracyWarning, more_constants
 
-__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "OverlapWarning", "build", "rebuild"]
+__all__ = ["ROTATION_UPDATES", "AccuracyWarning", "OverlapWarning", "build", "more_constants", "rebuild"]

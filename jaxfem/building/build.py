@@ -12,7 +12,7 @@ from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_m
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.pattern import solver_order, sparsity
-from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws
+from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws, more_constants
 from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
@@ -95,8 +95,7 @@ def build(
         nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if is_nonlinear(law))),
     )
     state = state.replace(carry=first_carry(state))
-    model, state = with_method(Built(facts, model, params, state), asked, rotation_update)
-    return model, params, state
+    return with_method(Built(facts, model, params, state), asked, rotation_update)
 
 
 def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:
@@ -161,6 +160,7 @@ def _model(
         mass=mass,
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),
+        more_constants=more_constants(bodies),
     )
 
 

@@ -96,8 +96,8 @@ def method_asked(solver: Any, rotation_update: str) -> Method | None:
     return _turning(solver, rotation_update)
 
 
-def with_method(built: Built, asked: Method | None, rotation_update: str) -> tuple[Model, State]:
-    """The model and state with the method that was asked for, or that "auto" takes. SceneError says why one cannot."""
+def with_method(built: Built, asked: Method | None, rotation_update: str) -> tuple[Model, Params, State]:
+    """All three with the method that was asked for, or that "auto" takes. SceneError says why one cannot."""
     if asked is not None:
         found = _tried(built, asked, Choice(asked.name, "asked for"))
         if isinstance(found, str):
@@ -114,8 +114,8 @@ def with_method(built: Built, asked: Method | None, rotation_update: str) -> tup
     raise SceneError(f'solver "auto": {why}')
 
 
-def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, State] | str:
-    """The model and state with a method, or why it cannot serve the scene."""
+def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, Params, State] | str:
+    """The model, params and state with a method, or why it cannot serve the scene."""
     refused = method.refuses(built.facts)
     if refused is not None:
         return refused
@@ -134,7 +134,11 @@ def _turning(method: Method, rotation_update: str) -> Method:
     return ImplicitRotations(method) if rotation_update == "implicit" else method
 
 
-def _planned(built: Built, method: Method, choice: Choice) -> tuple[Model, State]:
+def _planned(built: Built, method: Method, choice: Choice) -> tuple[Model, Params, State]:
     plan = method.plan(built.model, built.params, built.state)
-    model = built.model.replace(method=method, choice=choice, plan=plan)
-    return model, built.state.replace(memory=method.start(model, built.params, built.state))
+    model, params, own = built.model.replace(method=method, choice=choice, plan=plan), built.params, method.constants()
+    if own:
+        model = model.replace(more_constants=(*model.more_constants, *own))
+        values = {each.name: jnp.asarray(value, model.rest.dtype) for each, value in own.items()}
+        params = params.replace(constants={**params.constants, **values})
+    return model, params, built.state.replace(memory=method.start(model, params, built.state))

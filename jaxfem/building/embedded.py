@@ -1,14 +1,17 @@
 """Points that move with the elements of a soft body: vertices of a surface embedded in its mesh."""
 
+import warnings
 from typing import Any
 
 import numpy as np
 
 from jaxfem.declared import SceneError
-from jaxfem.mesh import MeshError, TetMesh, locate
+from jaxfem.mesh import MeshError, MeshWarning, TetMesh, locate
 
 FARTHEST = 0.25
 """How far out a point may lie, as a share of the body's size."""
+TOLD = 0.02
+"""The same, from which a point is warned of: it moves as if the element nearest to it went on out there."""
 LARGEST = 5.0
 """Largest weight of a corner: those of a flat element grow without bounds outside it, and any noise with them."""
 
@@ -36,5 +39,13 @@ def embedded(mesh: TetMesh, points: Any, what: str) -> tuple[np.ndarray, np.ndar
             f"{what}: point {far[0]} at {tuple(np.asarray(points, float)[far[0]].round(6).tolist())} is "
             f"{outside[far[0]]:.3g} m outside the mesh, too far to move with an element of it: check units and place, "
             "or mesh the body closer to its surface"
+        )
+    out = outside > TOLD * size
+    if out.any():
+        warnings.warn(
+            f"{what}: {out.sum()} of {len(out)} points lie outside the mesh, up to {outside.max():.3g} m: they move "
+            "with the nearest element; a cage around them (jf.mesh.cage) has none outside",
+            MeshWarning,
+            stacklevel=4,
         )
     return mesh.cells[cell], weights

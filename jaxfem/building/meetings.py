@@ -159,7 +159,12 @@ def _points(contact: Contact, index: BodyIndex, side: Side, where: str) -> Touch
 def _soft_points(contact: Contact, index: BodyIndex, number: int, where: str) -> Touching:
     body = index.soft[number]
     if contact.surface is not None:
-        cells, weights = embedded(body.mesh, contact.surface, f'surface of {where}, in "{body.label}"')
+        surface = contact.surface
+        if surface is True:
+            if body.surface is None:
+                raise SceneError(f'{where} touches with the surface of "{body.label}", which has none: declare one')
+            surface = body.surface[0]
+        cells, weights = embedded(body.mesh, surface, f'surface of {where}, in "{body.label}"')
         return Touching(SoftPoint((cells + index.offsets[number]).astype(np.int32), weights), np.zeros(len(cells)))
     if contact.nodes is None and isinstance(contact.b, Shape) and pressed_flat(body, index.gravity):
         return _nodes("all", index, number, where)

@@ -8,18 +8,15 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.declared.errors import AccuracyWarning as AccuracyWarning
 from jaxfem.declared.scene import SceneError, SoftBody
 from jaxfem.elements.domains import Domains
 from jaxfem.elements.smoothing import STRAINS, build_domains
-from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import MeshWarning
 from jaxfem.mesh.troubles import troubles
 from jaxfem.model import Params
-
-
-class AccuracyWarning(UserWarning):
-    """The scene will run, but its discretisation is known to be biased there."""
 
 
 def check_body(body: SoftBody, name: str) -> None:
@@ -44,7 +41,7 @@ def check_body(body: SoftBody, name: str) -> None:
 
 def check_laws(bodies: Sequence[SoftBody], names: Sequence[str]) -> None:
     """Refuse constants of one name and two meanings, and names that `Params` has for others."""
-    taken = {each.name for each in dataclasses.fields(Params)} | set(dir(Params)) | {DENSITY.name}
+    taken = {each.name for each in dataclasses.fields(Params)} | set(dir(Params)) | {DENSITY.name, MASS_DAMPING.name}
     known: dict[str, Constant] = {}
     for body, name in zip(bodies, names, strict=True):
         law = body.made_of
@@ -85,8 +82,16 @@ def body_constants(bodies: Sequence[SoftBody], dtype: Any) -> dict[str, Any]:
     if not bodies:
         return {DENSITY.name: jnp.zeros(0, dtype)}
     declared = [{**body.made_of.values, DENSITY.name: body.density} for body in bodies]
+    if more_constants(bodies):
+        for values, body in zip(declared, bodies, strict=True):
+            values[MASS_DAMPING.name] = 0.0 if body.mass_damping is None else body.mass_damping
     counts = [len(body.mesh.cells) for body in bodies]
     return {name: jnp.asarray(_spread(list(_filled(declared, name)), counts), dtype) for name in _names(declared)}
+
+
+def more_constants(bodies: Sequence[SoftBody]) -> tuple[Constant, ...]:
+    """The constants that bodies have beside those of their laws and density."""
+    return (MASS_DAMPING,) if any(body.mass_damping is not None for body in bodies) else ()
 
 
 def _names(declared: Sequence[dict[str, Any]]) -> dict[str, None]:

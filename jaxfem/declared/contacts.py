@@ -16,9 +16,10 @@ class Contact:
     `SignedDistance` or another shape with a distance, at the world's origin. A soft body touches with the `nodes` of
     its surface, or a selection ("all": those inside too, which come through ground where a body is pressed flat; where
     its weight or its speed at the start will do that, ground has rows for all without being asked), or in their place
-    with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start: each
-    moves with the element that holds it or is nearest to it. A rigid body touches with what its shape's `features`
-    lists, with its `segments` and its `circles`; their sharp points touch the faces of soft bodies too.
+    with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start (True:
+    those of the surface that the body declares): each moves with the element that holds it or is nearest to it. A rigid
+    body touches with what its shape's `features` lists, with its `segments` and its `circles`; their sharp points touch
+    the faces of soft bodies too.
     `faces`: whether the triangles of soft `a` touch as well, for rigid `b` or ground that could slip between a's nodes;
     where b is thinner than the widest triangle if nothing is said.
     A soft body that is both `a` and `b` touches itself: the surface patch of `nodes` meets that of the nodes `against`,

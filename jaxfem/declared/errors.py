@@ -8,6 +8,10 @@ import jax
 import numpy as np
 
 
+class AccuracyWarning(UserWarning):
+    """The scene will run, but its discretisation is known to be biased there."""
+
+
 class SceneError(ValueError):
     """A declaration that cannot be built; the message names the body, what is wrong and what to do."""
 

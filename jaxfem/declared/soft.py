@@ -11,7 +11,7 @@ from jaxfem.declared.loads import Load
 from jaxfem.elements.smoothing import STRAINS
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.materials.base import Material
-from jaxfem.materials.constants import DENSITY, MaterialError
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, MaterialError
 from jaxfem.materials.linear import Linear
 from jaxfem.mesh import TetMesh
 from jaxfem.motion import Motion
@@ -36,6 +36,9 @@ class SoftBody:
 
     `young` [Pa], `poisson` and `damping` (beta of C = beta K) [s] make it linear elastic, or `material` says what it is
     made of, like `material=Linear(young=2e5, poisson=0.3)`; `density` [kg/m^3]. Each one number, or one an element.
+    `mass_damping`: alpha [1/s] of a damping C = alpha M beside it, one number a body; None: none.
+    `surface`: (points (q, 3) [m], triangles (t, 3)) of a finer surface embedded in the mesh, where it is at rest:
+    frames show it, and contacts touch with it that say so.
     `fixed`: nodes held in place, as a name of the mesh's groups, a mask (n,) or indices. `driven`: prescribed motions.
     `velocity`: initial, (3,) or (n, 3) [m/s]. `strain`: kind of strain rows; `rotation`: "polar" or "gram_schmidt".
     Raises SceneError or MaterialError where a value is impossible.
@@ -54,6 +57,8 @@ class SoftBody:
     rotation: RotationKind = "polar"
     name: str | None = None
     material: Material | None = None
+    mass_damping: Any = None
+    surface: Any = None
 
     def __post_init__(self) -> None:
         refuse_traced(self)
@@ -68,6 +73,7 @@ class SoftBody:
         checked_choice(f'rotation of "{label}"', self.rotation, ROTATIONS)
         self.nodes_of("fixed", self.fixed)
         self._check_velocity()
+        self._check_surface()
         _check_kind(label, "driven", self.driven, Driven, "driven=[Driven(nodes, Motion(...))]")
         _check_kind(label, "loads", self.loads, Load, 'loads=[Traction("x+", (0, 0, -100.0))]')
         for each in self.driven:
@@ -105,6 +111,26 @@ class SoftBody:
             raise MaterialError(f'"{label}": {problem}') from None
         for each in (*self.made_of.constants, DENSITY):
             each.checked(label, values[each.name] if each is not DENSITY else self.density, len(self.mesh.cells))
+        if self.mass_damping is not None:
+            if np.ndim(self.mass_damping):
+                shape = np.shape(self.mass_damping)
+                raise MaterialError(f'mass_damping of "{label}" has shape {shape}: give one number')
+            MASS_DAMPING.checked(label, self.mass_damping, len(self.mesh.cells))
+
+    def _check_surface(self) -> None:
+        if self.surface is None:
+            return
+        try:
+            points, triangles = (np.asarray(each) for each in self.surface)
+        except (TypeError, ValueError):
+            points, triangles = np.zeros(0), np.zeros(0)
+        good = points.ndim == triangles.ndim == 2 and points.shape[1] == triangles.shape[1] == 3 and len(triangles) > 0
+        if not good or not np.isfinite(points).all() or not np.issubdtype(triangles.dtype, np.integer):
+            raise SceneError(
+                f'surface of "{self.label}" must be a pair: points (q, 3) in m, and triangles (t, 3) of their numbers'
+            )
+        if triangles.min() < 0 or triangles.max() >= len(points):
+            raise SceneError(f'surface of "{self.label}" has triangles of points that are not among its {len(points)}')
 
     def nodes_of(self, what: str, selection: Any) -> np.ndarray:
         """Node indices of a selection: None, a group's name, a mask (n,) or indices."""

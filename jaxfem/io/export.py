@@ -19,6 +19,7 @@ from jaxfem.energies import energies
 from jaxfem.io.checkpoints import listed_frames, trimmed_table
 from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
+from jaxfem.io.skins import skin
 from jaxfem.io.tracked import Tracked
 from jaxfem.mesh.formats.foreign import read_block, write_foreign
 from jaxfem.model import Model, Params, State
@@ -93,7 +94,7 @@ class FrameWriter:
         self.tensors = tensors
         self.points = Tracked(model, dict(points or {}))
         self.fields = None if fields is None else tuple(fields)
-        self.shown = Shown(model, params, *surfaces(scene, model), dt)
+        self.shown = Shown(model, params, *surfaces(scene, model), dt, skin(scene))
         self.saved: list[Saved] = []
         self.kept = kept
         self._last: dict[str, tuple[np.ndarray, Path]] = {}

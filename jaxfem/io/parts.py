@@ -47,13 +47,15 @@ class Surface:
 @dataclasses.dataclass(frozen=True)
 class Shown:
     """What makers draw from: the built scene, the surfaces of its `rigid` bodies and its `ground`, tracked `points`
-    (q, 3) [m] of the moment, and the time step `dt` [s], without which no forces are known."""
+    (q, 3) [m] of the moment, and the time step `dt` [s], without which no forces are known; `skin`: embedded surfaces
+    (`skins.py`)."""
 
     model: Model
     params: Params
     rigid: Surface
     ground: Surface
     dt: float | None
+    skin: Any = None
 
 
 Maker = Callable[[Shown, State, np.ndarray], Part | None]

@@ -55,14 +55,16 @@ def plot_series(
     return _save(figure, path)
 
 
-def plot_work(path: Any, lines: Mapping[str, tuple[Sequence[float], Sequence[float]]]) -> Path:
-    """Error (relative) against time a step [ms] on logarithmic axes, a line a name; returns the path."""
+def plot_work(
+    path: Any, lines: Mapping[str, tuple[Sequence[float], Sequence[float]]], time: str = "time a step (ms)"
+) -> Path:
+    """Error (relative) against `time` [ms] on logarithmic axes, a line a name; returns the path."""
     figure = _figure(7.6, 4.4)
     axes = figure.add_subplot()
     for number, (name, (times, errors)) in enumerate(lines.items()):
         colour, style = COLOURS[number // 2 % len(COLOURS)], "-" if number % 2 else "--"
         axes.loglog(times, errors, marker="o", markersize=4, color=colour, linestyle=style, label=name)
-    axes.set_xlabel("time a step (ms)")
+    axes.set_xlabel(time)
     axes.set_ylabel("error of places, relative to the motion")
     axes.grid(True, color="0.9")
     axes.set_axisbelow(True)

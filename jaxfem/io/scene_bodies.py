@@ -1,5 +1,6 @@
 """The [[body]] tables of a scene file: mesh, material, supports, prescribed motions and loads of a soft body."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -8,16 +9,17 @@ import numpy as np
 
 from jaxfem.declared.loads import LOADS, Load
 from jaxfem.declared.scene import ROTATIONS, STRAINS, Driven, SoftBody
+from jaxfem.inputs import SURFACE_KEYS
 from jaxfem.io.selections import select_faces, select_nodes
 from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, suggestion
 from jaxfem.materials.base import LAWS, Material
-from jaxfem.materials.constants import DENSITY, Constant, MaterialError
+from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant, MaterialError
 from jaxfem.materials.linear import Linear
-from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, from_surface, read, read_surface
+from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, cage, from_surface, read, read_surface
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
-    *("name", "mesh", "position", "rotate", "material", "density"),
+    *("name", "mesh", "position", "rotate", "material", "density", "mass_damping", "surface"),
     *("fixed", "velocity", "strain", "rotation", "driven", "load"),
 )
 MOTION_KEYS = ("velocity", "amplitude", "frequency", "phase", "angular_velocity", "center")
@@ -25,6 +27,7 @@ DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
 MESH_KEYS = {
     "file": ("scale", "merge"),
     "surface": ("scale", "size"),
+    "cage": ("scale", "elements", "size", "tets_per_cell"),
     "box": ("cells", "tets_per_cell", "origin"),
     "beam": ("cells_along", "tets_per_cell", "origin"),
     "ball": ("cells", "center"),
@@ -55,12 +58,16 @@ def read_body(table: Table, folder: Path) -> SoftBody:
     `jaxfem.mesh.read`.
     """
     name = table.text("name", None)
-    mesh = _placed(table, _mesh(table, folder))
+    plain, skin = _mesh(table, folder), _surface(table, folder)
+    mesh = _placed(table, plain)
+    if skin is not None:  # moved along with the mesh
+        skin = _placed_points(table, skin[0]), skin[1]
     if name is not None:
         mesh = mesh.renamed(name)
     return SoftBody(
         mesh,
         density=_constant(table, mesh, DENSITY),
+        mass_damping=table.number(MASS_DAMPING.name, unit=MASS_DAMPING.unit) if MASS_DAMPING.name in table else None,
         material=_material(table, mesh),
         fixed=select_nodes(table, "fixed", mesh) if "fixed" in table else None,
         driven=[_driven(values, mesh, place) for values, place in _children(table, "driven")],
@@ -69,6 +76,7 @@ def read_body(table: Table, folder: Path) -> SoftBody:
         strain=table.choice("strain", tuple(STRAINS), "element"),
         rotation=table.choice("rotation", ROTATIONS, ROTATIONS[0]),
         name=name,
+        surface=skin,
     )
 
 
@@ -136,6 +144,7 @@ def _mesh(table: Table, folder: Path) -> TetMesh:
     makers: dict[str, Callable[..., TetMesh]] = {
         "file": read,
         "surface": _filled,
+        "cage": _cage,
         "box": box,
         "beam": beam,
         "ball": ball,
@@ -159,6 +168,15 @@ def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
             "scale": mesh.number("scale", None, positive=True),
             "size": mesh.number("size", None, unit="m", positive=True),
         }
+    if kind == "cage":
+        sized = {"elements": mesh.integer("elements")} if "elements" in mesh else {}
+        return {
+            "path": folder / mesh.text("cage"),
+            "scale": mesh.number("scale", None, positive=True),
+            "size": mesh.number("size", None, unit="m", positive=True),
+            "tets_per_cell": mesh.integer("tets_per_cell", 6),
+            **sized,
+        }
     if kind == "ball":
         center = mesh.vector("center", (0.0, 0.0, 0.0), "m")
         return {
@@ -180,6 +198,20 @@ def _filled(path: Path, scale: float | None, size: float | None) -> TetMesh:
     return from_surface(*read_surface(path, scale), size, path.stem)
 
 
+def _cage(path: Path, scale: float | None, **how: Any) -> TetMesh:
+    """Grid cells around the surface of a file."""
+    return cage(*read_surface(path, scale), name=path.stem, **how)
+
+
+def _surface(table: Table, folder: Path) -> tuple[np.ndarray, np.ndarray] | None:
+    """The surface that a body shows: that of its `surface`, else what its cage is around; None without any."""
+    if "surface" in table:
+        given = table.table("surface", SURFACE_KEYS, f"'surface' in {table.where}")
+        return read_surface(folder / given.text("file"), given.number("scale", None, positive=True))
+    mesh = table.get("mesh")
+    return read_surface(folder / mesh["cage"], mesh.get("scale")) if "cage" in mesh else None
+
+
 def _cell_counts(mesh: Table) -> Any:
     counts = mesh.get("cells")
     each = counts if isinstance(counts, list) and len(counts) == 3 else [counts]
@@ -190,6 +222,12 @@ def _cell_counts(mesh: Table) -> Any:
 
 def _placed(table: Table, mesh: TetMesh) -> TetMesh:
     """The mesh turned (`rotate`, about its `center`, the origin by default), then moved by `position`."""
+    moved = {"rotate", "position"} & {*table.values}
+    return dataclasses.replace(mesh, points=_placed_points(table, mesh.points)) if moved else mesh
+
+
+def _placed_points(table: Table, points: np.ndarray) -> np.ndarray:
+    """Points (n, 3) turned and moved likewise."""
     if "rotate" in table:
         from scipy.spatial.transform import Rotation  # slow to import: only where a body is turned
 
@@ -200,8 +238,8 @@ def _placed(table: Table, mesh: TetMesh) -> TetMesh:
             raise turn.wrong("axis", "a direction, not all zeros")
         matrix = Rotation.from_rotvec(axis / length * np.radians(turn.number("degrees"))).as_matrix()
         center = np.array(turn.vector("center", (0.0, 0.0, 0.0), "m"))
-        mesh = mesh.translated(-center).rotated(matrix).translated(center)
-    return mesh.translated(table.vector("position", unit="m")) if "position" in table else mesh
+        points = (points - center) @ matrix.T + center
+    return points + np.array(table.vector("position", unit="m")) if "position" in table else points
 
 
 def _driven(values: dict[str, Any], mesh: TetMesh, where: str) -> Driven:

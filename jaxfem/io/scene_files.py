@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from jaxfem.building import ROTATION_UPDATES, build
+from jaxfem.building import ROTATION_UPDATES, build, more_constants
 from jaxfem.declared.scene import Scene
 from jaxfem.elements.mass import MASSES, MassKind
 from jaxfem.io.fields import FIELDS
@@ -13,7 +13,7 @@ from jaxfem.io.scene_bodies import body_keys, read_body
 from jaxfem.io.scene_coupling import CONTACT_KEYS, RIGID_KEYS, SceneSources, read_contact, read_joint, read_rigid
 from jaxfem.io.toml_tables import SceneFileError, Table, read_toml
 from jaxfem.materials.constants import DENSITY, Constant
-from jaxfem.methods import METHODS
+from jaxfem.methods import METHODS, Method
 from jaxfem.model import Model, Params, State
 from jaxfem.schemes import SCHEMES, Scheme
 from jaxfem.stepping.checks import MOST_HALVINGS
@@ -43,7 +43,7 @@ class SceneFile:
     steps: int
     every: int
     halvings: int
-    solver: str
+    solver: str | Method
     scheme: Scheme
     mass: MassKind
     rotation_update: str
@@ -65,7 +65,7 @@ class SceneFile:
     def constants(self) -> tuple[Constant, ...]:
         """The constants of the soft bodies' materials, then density."""
         own = [each for body in self.scene.soft for each in body.made_of.constants]
-        return (*dict.fromkeys(own), DENSITY)
+        return (*dict.fromkeys(own), *more_constants(self.scene.soft), DENSITY)
 
     def build(self) -> tuple[Model, Params, State]:
         """Model, params and state in the file's precision; errors and warnings as for `jaxfem.build`."""
@@ -97,7 +97,7 @@ def load_scene(path: Any, also: Sequence[str] = ()) -> SceneFile:
 
 def _scene_file(top: Table, source: Path) -> SceneFile:
     time, scheme = _time(top)
-    solver = top.table("solver", SOLVER_KEYS, "[solver]")
+    solver, method = _solver(top)
     output = top.table("output", OUTPUT_KEYS, "[output]")
     dt = time.number("step", unit="s", positive=True)
     points = output.table("points", None, "points of [output]")
@@ -112,7 +112,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "scheme": scheme,
         "mass": time.choice("mass", MASSES, "lumped"),
         "rotation_update": time.choice("rotation_update", ROTATION_UPDATES, "explicit"),
-        "solver": solver.choice("method", ("auto", *METHODS.words()), "auto"),
+        "solver": method,
         "tolerance": tolerance,
         "max_iterations": solver.integer("max_iterations", 20_000),
         "precision": solver.choice("precision", PRECISIONS, "float64"),
@@ -134,6 +134,32 @@ def _time(top: Table) -> tuple[Table, Scheme]:
             raise SceneFileError(f'the scheme "{word}" calls a number {name!r}, a key of every [time] table: rename it')
     time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
     return time, SCHEMES[word].made(**{name: time.number(name) for name in numbers if name in time})
+
+
+def method_settings(word: str) -> dict[str, Any]:
+    """Settings of the method `word` that files can give, each with its default: numbers, words and flags."""
+    if word not in METHODS:
+        return {}
+    plain = (int, float, str, bool, type(None))
+    fields = dataclasses.fields(METHODS[word].made)
+    return {each.name: each.default for each in fields if each.init and isinstance(each.default, plain)}
+
+
+def _solver(top: Table) -> tuple[Table, str | Method]:
+    """The [solver] table, and the method that it names: its word, or with settings of its own the object."""
+    word = top.table("solver", None, "[solver]").choice("method", ("auto", *METHODS.words()), "auto")
+    settings = method_settings(word)
+    for name in settings:
+        if name in SOLVER_KEYS:
+            raise SceneFileError(f'the method "{word}" calls a setting {name!r}, a key of every [solver]: rename it')
+    solver = top.table("solver", (*SOLVER_KEYS, *settings), "[solver]")
+    given = {name: solver.get(name) for name in settings if name in solver}
+    for name, value in given.items():
+        if isinstance(value, dict | list):
+            raise solver.wrong(name, "a number, a word, or true or false")
+        if isinstance(settings[name], bool) != isinstance(value, bool):
+            raise solver.wrong(name, "true or false" if isinstance(settings[name], bool) else "a number or a word")
+    return solver, METHODS[word].made(**given) if given else word
 
 
 def _scene(top: Table, folder: Path, gravity: Any) -> Scene:

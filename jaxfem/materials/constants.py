@@ -168,3 +168,15 @@ DENSITY = Constant(
     "density", "kg/m^3", "must be > 0 kg/m^3 (water: 1000)", label="density", low=0.0, plausible=(1e-1, 1e5)
 )
 """The one constant that every soft body has beside those of its law."""
+
+MASS_DAMPING = Constant(
+    "mass_damping",
+    "1/s",
+    "must be >= 0; it is the rate alpha in 1/s of C = alpha M, typically 0.1 to 10",
+    label="mass-proportional damping",
+    low=0.0,
+    closed=True,
+    plausible=(0.0, 1e4),
+    bounds=(1e-3, 1e3),
+)
+"""Of bodies that give it; scenes without such a body know no such constant, and compile none."""

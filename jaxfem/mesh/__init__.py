@@ -1,5 +1,6 @@
 """Tetrahedral meshes: made, read, checked, measured. NumPy on the host; nothing here is traced by JAX."""
 
+from .cages import cage
 from .checks import MeshWarning
 from .clouds import delaunay, from_convex_surface
 from .embedding import locate
@@ -17,6 +18,7 @@ __all__ = [
     "ball",
     "beam",
     "box",
+    "cage",
     "delaunay",
     "from_cells",
     "from_convex_surface",

@@ -9,11 +9,13 @@ scene files. It is part of the compiled program, so it holds flags and no arrays
 import abc
 import dataclasses
 from collections import OrderedDict
+from collections.abc import Mapping
 from typing import Any, ClassVar, NamedTuple
 
 import jax
 
 from jaxfem.elements.mass import MassKind
+from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -80,6 +82,10 @@ class Method(abc.ABC):
     def refuses(self, facts: Facts) -> str | None:
         """Why it cannot serve a scene, in words that follow its name, or None."""
         return None
+
+    def constants(self) -> Mapping[Constant, float]:
+        """Constants of its own with their values; they go to `Params`, to be fitted and differentiated like others."""
+        return {}
 
     def plan(self, model: Model, params: Params, state: State) -> Any:
         """What it makes of the topology, once, on the host; kept as `model.plan`. CannotServe says why it cannot."""

@@ -8,6 +8,7 @@ from jaxfem.elements.elasticity import viscoelastic_force
 from jaxfem.model import Model, Params, State, nodal_mass, shared_mass
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
+from jaxfem.system.drag import nodal_drag
 from jaxfem.system.memory import soon, step_materials
 from jaxfem.system.soft import external_force
 
@@ -21,7 +22,10 @@ def begun(model: Model, params: Params, state: State, forces: Array | None) -> S
         force = external_force(model, params, state.positions, forces)
         materials = step_materials(model, params, state, soon(model.rest.dtype))
         force = force + viscoelastic_force(model.domains, state.positions, state.velocities, materials, model.rotation)
-        return _acceleration(model, params, force)
+        found = _acceleration(model, params, force)
+        if not model.dragged:
+            return found
+        return found - (nodal_drag(model, params) * model.free)[:, None] * state.velocities  # C = alpha M
 
     return state.replace(accelerations=model.scheme.begin(state, acceleration))
 

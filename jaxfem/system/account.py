@@ -10,6 +10,7 @@ from jaxfem.elements.domains import domain_strains
 from jaxfem.elements.elasticity import viscoelastic_force
 from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State, domain_materials, element_constants, nodal_mass, shared_mass
+from jaxfem.system.drag import nodal_drag
 from jaxfem.system.memory import domain_values, soon, step_materials
 
 Array = jax.Array
@@ -41,7 +42,17 @@ def _entries(
     entries = {"loads": -jnp.vdot(load, way)}
     if model.driven:
         entries["supports"] = -_support_work(model, params, before, after, load, dt)
+    if model.dragged:
+        entries["drag"] = jnp.vdot(way, _drag(model, params, way / dt))
     return entries | _losses(model, params, before, after, dt)
+
+
+def _drag(model: Model, params: Params, velocities: Array) -> Array:
+    """Minus the force (n, 3) [N] of mass-proportional damping."""
+    own = nodal_drag(model, params)[:, None] * velocities
+    shared = shared_mass(model, params.density)
+    momentum = nodal_mass(model, params.density)[:, None] * own
+    return momentum if shared is None else momentum + shared.apply(own)
 
 
 def _losses(model: Model, params: Params, before: State, after: State, dt: Array) -> dict[str, Array]:
@@ -80,6 +91,8 @@ def _support_work(model: Model, params: Params, before: State, after: State, loa
         for each in (before, after)
     ]
     others = load + 0.5 * (inner[0] + inner[1]) + mass * params.gravity
+    if model.dragged:
+        others = others - _drag(model, params, way / dt)
     driven = jnp.zeros((model.nodes, 1), way.dtype).at[jnp.concatenate(model.driven)].set(1)
     mean = 0.5 * (before.velocities + after.velocities)
     return jnp.sum(driven * (momentum * mean - others * way))

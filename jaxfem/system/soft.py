@@ -20,6 +20,7 @@ from jaxfem.rows.elastic import ElasticRows, StepRows, elastic_rows
 from jaxfem.rows.lawful import LawRows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.drag import dragged
 from jaxfem.system.memory import step_materials
 from jaxfem.tensors import inverse_blocks
 
@@ -105,7 +106,7 @@ def step_system(
     load = stage.weight * external_force(model, params, stage.base, forces)
     materials = step_materials(model, params, state, dt, stage)
     elastic = elastic_rows(model.domains, stage, materials, model.rotation, turns)
-    return System(
+    system = System(
         elastic=elastic,
         mass=mass,
         target=jnp.where(free, stage.start + load / mass[:, None], prescribed),
@@ -121,6 +122,10 @@ def step_system(
         impact=impact,
         noise=_rounding_noise(elastic, jax.lax.stop_gradient(stage.base)) if model.nonlinear else None,
     )
+    if not model.dragged:
+        return system
+    held = dragged(model, params, stage, system.mass, system.target, system.shared_mass, system.before)
+    return system.replace(**held._asdict())
 
 
 def merged(system: System, unknown: Array) -> Array:

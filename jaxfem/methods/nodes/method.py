@@ -7,7 +7,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
-from jaxfem.methods.base import Facts, Solved
+from jaxfem.methods.base import METHODS, Facts, Solved
 from jaxfem.methods.by_rows import Impulses, RowMethod
 from jaxfem.methods.nodes.bounded import pair_gradient, solve_bounded, solve_pair_tangent
 from jaxfem.methods.nodes.condensed import coarse_of, linearised, solve_condensed, solve_linear
@@ -134,3 +134,6 @@ class PairCondition:
         nonlinear = inputs.system.nonlinear
         system = linearised(inputs.system, merged(inputs.system, unknown[0]), 1)
         return solve_pair_tangent(system, inputs.coarse, unknown, right, matvec, iterate=nonlinear)
+
+
+METHODS.add("corotated", Condensed)  # its word where methods are compared that turn with the body in other ways

@@ -1,0 +1,168 @@
+"""The method: how groups are made and tied, exactly or by the iteration of (11) and (12)."""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.materials.constants import Constant
+from jaxfem.methods.base import Facts, Method, Solved
+from jaxfem.methods.ending import ended
+from jaxfem.methods.groupwise.plan import Groups, element_groups, group_plan
+from jaxfem.methods.groupwise.solve import (
+    CopiesCondition,
+    ExactCondition,
+    Inverses,
+    Prepared,
+    coefficient_limit,
+    differing,
+    group_inverses,
+    nodes_of,
+    shared_of,
+)
+from jaxfem.methods.groupwise.system import group_system
+from jaxfem.methods.node_blocks import check_linear, refuses_but_plain
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.pytrees import Pytree
+from jaxfem.solvers.implicit import implicit_solution
+from jaxfem.solvers.status import SolveInfo, Status, caused
+
+Array = jax.Array
+
+BINDING = Constant(
+    "binding",
+    "N/m",
+    "must be >= 0 N/m; its stability limit is `binding_limit`",
+    label="binding coefficient",
+    low=0.0,
+    closed=True,
+)
+SAFE = 0.95
+"""Of the limit of the binding coefficient: what is enforced."""
+UNSTABLE = "the binding coefficient of groupwise is above its stability limit: lower it, or leave enforce on"
+
+
+class GroupMemory(Pytree):
+    """`gap` () [m]: the largest distance between copies of a node and their mean in the last step."""
+
+    gap: Array
+
+
+@dataclasses.dataclass(frozen=True)
+class Groupwise(Method):
+    """Bodies cut into `groups` each, or into groups of at most `size` elements, with one rotation a group.
+
+    `binding`: "exact", one multiplier a shared copy; or k [N/m] of (12), then `rounds` of it a step, `params.binding`
+    from then on: what is above the stability limit is lowered to it where `enforce`, else has a status; `info.residual`
+    is then how far copies of a node are apart, as a share of their velocities.
+    """
+
+    groups: int = 4
+    size: int | None = None
+    binding: Any = "exact"
+    rounds: int = 30
+    enforce: bool = True
+    name: ClassVar[str] = "groupwise"
+
+    def refuses(self, facts: Facts) -> str | None:
+        """All but plain bodies, and settings that make no sense."""
+        for what, value in (("groups", self.groups), ("size", self.size), ("rounds", self.rounds)):
+            if value is not None and (not isinstance(value, int) or value < 1):
+                return f"has {what} = {value!r}: give a whole number of at least 1"
+        number = isinstance(self.binding, int | float) and not isinstance(self.binding, bool)
+        if self.binding != "exact" and not (number and 0 <= self.binding < float("inf")):
+            return f'has binding = {self.binding!r}: give "exact", or a coefficient k of at least 0 N/m'
+        return refuses_but_plain(facts)
+
+    def constants(self) -> Mapping[Constant, float]:
+        """The binding coefficient, where it is one."""
+        return {} if self.binding == "exact" else {BINDING: float(self.binding)}
+
+    def plan(self, model: Model, params: Params, state: State) -> Groups:
+        """The groups."""
+        check_linear(model)
+        return group_plan(model, element_groups(model, self.groups, self.size))
+
+    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Inverses:
+        """Inverses of the groups' matrices for `dt`, and the limit of the binding coefficient."""
+        held = jax.lax.stop_gradient((model, params, state, dt))
+        made = group_inverses(group_system(*held, None), held[0], held[3])
+        return made if self.binding == "exact" else made.replace(limit=coefficient_limit(model.plan, made, held[3]))
+
+    def start(self, model: Model, params: Params, state: State) -> GroupMemory:
+        """No gap."""
+        return GroupMemory(jnp.zeros((), model.rest.dtype))
+
+    def step(
+        self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
+    ) -> tuple[State, StepInfo]:
+        """One step, the groups tied in whichever way."""
+        given = Prepared(group_system(model, params, state, dt, forces), cache)
+        if self.binding == "exact":
+            unknown, (info, gap) = implicit_solution(ExactCondition(), given, state.velocities)
+            velocities = given.system.merged(unknown)
+        else:
+            velocities, info, gap = self._bound(given, params.constants[BINDING.name], dt)
+        following, told = ended(model, params, state, dt, Solved(velocities, None, info), forces=forces)
+        return following.replace(memory=GroupMemory(jax.lax.stop_gradient(dt * gap))), told
+
+    def _bound(self, given: Prepared, coefficient: Array, dt: Array) -> tuple[Array, SolveInfo, Array]:
+        """Velocities (n, 3), info and gap [m/s] after the rounds of (11), (12), from no binding force."""
+        system, limit = given.system, given.inverses.limit_at(dt)
+        used = jnp.minimum(coefficient, SAFE * limit) if self.enforce else coefficient
+        force = jnp.zeros((*system.groups.shared.shape, 3), system.right.dtype)
+        push = dt * jnp.append(system.groups.copies, 1)[system.groups.owner][:, :, None] * used
+
+        def round_(force: Array, _: None) -> tuple[Array, SolveInfo]:
+            copies, info = _separate(given, dt * force)
+            # (12) with its sign turned: as printed it drives the copies apart. Times p (mean - x_j) = sum (x_l - x_j).
+            return force - push * differing(system.groups, shared_of(system.groups, copies)), info
+
+        force, infos = jax.lax.scan(round_, force, None, length=self.rounds - 1)
+        copies, info = _separate(given, dt * force)
+        apart = differing(system.groups, shared_of(system.groups, copies))
+        gap = jnp.max(jnp.abs(apart), initial=0.0)
+        worst = jnp.maximum(jnp.max(infos.status, initial=0), info.status)
+        above = coefficient > limit
+        status = worst if self.enforce else jnp.where(above, caused(Status.INVALID_VALUE, UNSTABLE), worst)
+        size = jnp.linalg.norm(copies)
+        share = jax.lax.stop_gradient(jnp.linalg.norm(apart) / jnp.where(size > 0, size, 1))
+        told = SolveInfo(
+            jnp.asarray(status, jnp.int32), jnp.sum(infos.iterations) + info.iterations, share, jnp.int32(0)
+        )
+        return system.merged(nodes_of(system, copies)), told, gap
+
+
+def _separate(given: Prepared, pushes: Array) -> tuple[Array, SolveInfo]:
+    """Velocities of the copies (G, N, 3), each group by itself, with impulses (G, S, 3) on shared copies."""
+    system, groups = given.system, given.system.groups
+    moves = groups.free[:, :, None]
+    held = jnp.where(moves, 0, system.spread(system.prescribed)) * (system.share > 0)[:, :, None]
+    number = jnp.arange(groups.count)[:, None]
+    right = system.right.at[number, groups.shared].add(pushes * groups.real[:, :, None])
+    right = jnp.where(moves, right - system.product(held), 0)
+    found, info = implicit_solution(CopiesCondition(), (given, right), jnp.zeros_like(right))
+    return jnp.where(moves, found, held), info
+
+
+def binding_limit(model: Model, params: Params, state: State, dt: Any) -> Array:
+    """The coefficient k [N/m] from which the binding iteration may diverge, for steps of `dt` [s]; () Array.
+
+    Below it it converges: the limit is 2 over p dt^2 times the largest eigenvalue of the groups' S A^-1 S', p the
+    copies of a node at most, which no rotation of the groups changes.
+    """
+    step = jnp.asarray(dt, model.rest.dtype)
+
+    def limit(*given: Any) -> Array:
+        return coefficient_limit(model.plan, model.method.prepare(*given), step)
+
+    found: Array = jax.jit(limit)(model, params, state, step)
+    return found
+
+
+def interface_gap(state: State) -> Array:
+    """The largest distance [m] between a copy of a shared node and the mean of its copies in the last step."""
+    gap: Array = state.memory.gap
+    return gap

@@ -1,0 +1,62 @@
+"""`jaxfem compare`: the same scene by several methods, each measured against a converged run."""
+
+import json
+
+import pytest
+
+from jaxfem.cli.main import main
+
+SCENE = """
+[time]
+step = 0.01
+steps = 8
+[[body]]
+name = "beam"
+mesh = { box = [0.1, 0.03, 0.03], cells = [3, 1, 1] }
+young = 1e5
+poisson = 0.25
+density = 1000.0
+fixed = "x-"
+"""
+
+
+def compared(tmp_path, more, capsys):
+    path = tmp_path / "beam.toml"
+    path.write_text(SCENE + more)
+    code = main(["compare", str(path)])
+    return code, capsys.readouterr()
+
+
+def test_methods_and_settings_side_by_side(tmp_path, capsys):
+    more = '[compare]\nmethods = ["corotated", "assembled", { method = "groupwise", groups = 2 }]\n'
+    more += "step_factors = [1, 0.5]\n"
+    code, said = compared(tmp_path, more + "finer = 8\n", capsys)
+    assert code == 0
+    folder = tmp_path / "beam_compared"
+    rows = {row["label"]: row for row in json.loads((folder / "compare.json").read_text())["rows"]}
+    assert (folder / "compare.png").is_file() and len((folder / "compare.csv").read_text().splitlines()) == 7
+    assert rows["corotated"]["error_m"] == pytest.approx(rows["assembled"]["error_m"], rel=1e-5)
+    # first order: at half the step half the error, less what the converged run itself is off
+    assert rows["corotated, step x 0.5"]["error_m"] < 0.6 * rows["corotated"]["error_m"]
+    assert rows["groupwise (groups 2)"]["error_m"] > 0 and "groupwise (groups 2)" in said.out
+
+
+def test_what_cannot_serve_the_scene_is_left_out_by_name(tmp_path, capsys):
+    more = '[compare]\nmethods = ["corotated", "direct", { method = "groupwise", groups = 9999 }]\nfiner = 2\n'
+    code, said = compared(tmp_path, more, capsys)
+    assert code == 0 and "left out, direct" in said.err and "ask for fewer" in said.err
+
+
+@pytest.mark.parametrize(
+    "line, words",
+    [
+        ('methods = ["magic"]', "a list of words"),
+        ('methods = [{ method = "groupwise", pieces = 2 }]', "no setting 'pieces'"),
+        ("step_factors = [0.3]", "divide the scene's 8 steps"),
+        ("tolerances = 1e-3", "a list"),
+        ("speed = 1", "speed"),
+    ],
+)
+def test_what_makes_no_sense_is_refused(tmp_path, capsys, line, words):
+    code, said = compared(tmp_path, f"[compare]\n{line}\n", capsys)
+    assert code == 2 and words in said.err
