@@ -66,6 +66,18 @@ def write(lines: list[dict[str, Any]], out: pathlib.Path, seconds: float) -> Non
     picture(lines, out / "hard_cases.png")
 
 
+def among_kept(out: pathlib.Path, fresh: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """The lines of earlier results in a folder, those that were run again replaced, and new ones after them."""
+
+    def key(line: dict[str, Any]) -> tuple[str, ...]:
+        return line["case"], line["route"], line["dtype"]
+
+    path = out / "hard_cases.json"
+    old = json.loads(path.read_text())["lines"] if path.exists() else []
+    lines = {key(line): line for line in [*old, *fresh]}
+    return list(lines.values())
+
+
 def main() -> None:
     """Run what is asked for, print a line each, and write the results as they come."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -76,6 +88,7 @@ def main() -> None:
     parser.add_argument("--dtypes", default=",".join(DTYPES))
     parser.add_argument("--shapes", type=pathlib.Path, help="only draw some soft cubes on their way back, to this PNG")
     parser.add_argument("--out", type=pathlib.Path, help="folder for the results")
+    parser.add_argument("--keep", action="store_true", help="with --out: keep the lines there that are not run again")
     options = parser.parse_args()
     begun, lines, before = time.perf_counter(), [], None
     if options.shapes:
@@ -89,7 +102,7 @@ def main() -> None:
         lines.append(line)
         print(f"{line['case']} | {at.route} | {at.dtype} | {line['outcome']} | {line['seconds']} s", flush=True)
         if options.out:
-            write(lines, options.out, time.perf_counter() - begun)
+            write(among_kept(options.out, lines) if options.keep else lines, options.out, time.perf_counter() - begun)
     print(json.dumps(dict(Counter(line["outcome"].split(":")[0] for line in lines))))
 
 

@@ -1,5 +1,6 @@
 """The quick half of benchmarks/hard_cases.py: every case is right or flagged by name. And the judging itself."""
 
+import json
 import math
 import pathlib
 import sys
@@ -113,3 +114,14 @@ def test_the_picture_and_the_table(tmp_path):
     hard_cases.write(lines, tmp_path, 1.0)
     assert (tmp_path / "hard_cases.png").stat().st_size > 5000
     assert len((tmp_path / "hard_cases.csv").read_text().splitlines()) == 11
+
+
+def test_lines_run_again_take_the_place_of_those_that_are_kept(tmp_path):
+    def line(case, dtype, outcome):
+        return {"case": case, "route": "direct", "dtype": dtype, "outcome": outcome}
+
+    assert hard_cases.among_kept(tmp_path, [line("a", "float64", "right")]) == [line("a", "float64", "right")]
+    old = [line("a", "float64", "SILENT: x"), line("b", "float64", "right"), line("a", "float32", "right")]
+    (tmp_path / "hard_cases.json").write_text(json.dumps({"lines": old}))
+    fresh = [line("c", "float64", "right"), line("a", "float64", "right")]
+    assert hard_cases.among_kept(tmp_path, fresh) == [fresh[1], *old[1:], fresh[0]]

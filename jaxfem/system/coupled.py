@@ -238,7 +238,6 @@ def _held_mass(model: Model, params: Params, inverse: Array, dt: Array) -> Array
     """Inverse masses (n,) of nodes that the material around them holds too, by dt^2 times its stiffness."""
     if not model.nodes:
         return inverse
-    params, inverse, dt = jax.lax.stop_gradient((params, inverse, dt))
     own = inverse[: model.nodes]
     share = 1 / (1 + dt**2 * own * nodal_stiffness(model, params))
     return inverse.at[: model.nodes].set(own * jnp.maximum(share, LEAST))
@@ -259,7 +258,8 @@ def _hardened(
     they got from being moved apart is no momentum.
     """
     trace = max(TRACE[rows.bias.dtype.itemsize > 4], give)
-    diagonal = jax.lax.stop_gradient(rows.diagonal(*held))
+    # A trace is too small for its own derivative to matter; what contacts ask for is not.
+    diagonal = rows.diagonal(*held) if give > 0 else jax.lax.stop_gradient(rows.diagonal(*held))
     own = jnp.where(diagonal > 0, trace * diagonal, 1)
     rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
