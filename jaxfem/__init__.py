@@ -7,7 +7,18 @@ from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies, with_account
-from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.fitting import (
+    FitError,
+    FitResult,
+    Gaussian,
+    LogNormal,
+    Noise,
+    Recording,
+    Take,
+    fit,
+    fit_takes,
+    read_recording,
+)
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.creeping import CreepPlastic
@@ -47,11 +58,13 @@ __all__ = [
     "Energies",
     "FitError",
     "FitResult",
+    "Gaussian",
     "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
     "J2Plastic",
     "Linear",
+    "LogNormal",
     "Material",
     "MaterialError",
     "MeshError",
@@ -62,6 +75,7 @@ __all__ = [
     "Motor",
     "NeoHookean",
     "NodalForce",
+    "Noise",
     "Nonlinear",
     "OverlapWarning",
     "Params",
@@ -85,6 +99,7 @@ __all__ = [
     "StepInfo",
     "SweepError",
     "SweepResult",
+    "Take",
     "TetMesh",
     "Traction",
     "TriangleMesh",
@@ -97,6 +112,7 @@ __all__ = [
     "energies",
     "equilibrium",
     "fit",
+    "fit_takes",
     "impulses",
     "mesh",
     "modes",

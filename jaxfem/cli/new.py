@@ -4,9 +4,10 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from jaxfem.io.fit_template import fit_template
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.io.sweep_template import sweep_template
-from jaxfem.io.templates import fit_template, scene_template
+from jaxfem.io.templates import scene_template
 
 MADE = {"scene": scene_template, "fit": fit_template, "sweep": sweep_template}
 

@@ -2,7 +2,7 @@
 
 from jaxfem.inputs import inputs_of
 from jaxfem.io import sweep_files
-from jaxfem.io.templates import Line, _line, _table
+from jaxfem.io.templates import Line, line, table
 from jaxfem.sweeping.engines import ENGINES
 from jaxfem.sweeping.outputs import OUTPUTS
 from jaxfem.sweeping.taking import TAKEN
@@ -32,18 +32,18 @@ def sweep_template(scene: str = "scene.toml") -> str:
     parts = [
         "# A sweep with every key that `jaxfem sweep` reads; what is in comments may be left out.",
         "",
-        _line("scene", f'"{scene}"', "what runs; its values where nothing varies"),
-        *_table("[sweep]", sweep_files.SWEEP_KEYS, settings, ("kind", "count", "seed")),
+        line("scene", f'"{scene}"', "what runs; its values where nothing varies"),
+        *table("[sweep]", sweep_files.SWEEP_KEYS, settings, ("kind", "count", "seed")),
         "",
         "[values]                        # names as Python reaches a number in params",
-        _line("young", '[1e5, 1e6, "log"]', "low, high, even shares of each decade; of a grid the values themselves"),
-        _line('"gravity[2]"', "[-12.0, -8.0]", "an entry"),
-        _line("# 'young[\"block\"]'", "[1e5, 1e6]", "of one body"),
-        _line("# dt", "[0.002, 0.005]", "s; also joints, contacts, rigid, loads, motions, state"),
+        line("young", '[1e5, 1e6, "log"]', "low, high, even shares of each decade; of a grid the values themselves"),
+        line('"gravity[2]"', "[-12.0, -8.0]", "an entry"),
+        line("# 'young[\"block\"]'", "[1e5, 1e6]", "of one body"),
+        line("# dt", "[0.002, 0.005]", "s; also joints, contacts, rigid, loads, motions, state"),
         "",
         "[outputs]",
         *_outputs(),
-        *_table("[output]", sweep_files.OUTPUT_KEYS, OUTPUT, ("folder",)),
+        *table("[output]", sweep_files.OUTPUT_KEYS, OUTPUT, ("folder",)),
     ]
     return "\n".join(parts) + "\n"
 
@@ -55,5 +55,5 @@ def _outputs() -> list[str]:
         fields = "".join(f", {key} = {EXAMPLES[key]}" for key in inputs_of(OUTPUTS[word].made))
         on, name = "" if word in ("point", "energies") else "# ", "tip" if word == "point" else word
         take = ', take = "max"' if word == "energies" else ', take = "all"' if word in ("positions", "rigid") else ""
-        lines.append(_line(f"{on}{name}", f'{{ kind = "{word}"{fields}{take} }}', taken if word == "energies" else ""))
+        lines.append(line(f"{on}{name}", f'{{ kind = "{word}"{fields}{take} }}', taken if word == "energies" else ""))
     return lines
