@@ -7,7 +7,18 @@ from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
 from jaxfem.diagnose import Diagnosis, diagnose
 from jaxfem.energies import Energies, energies, with_account
-from jaxfem.fitting import FitError, FitResult, Recording, fit, read_recording
+from jaxfem.fitting import (
+    FitError,
+    FitResult,
+    Gaussian,
+    LogNormal,
+    Noise,
+    Recording,
+    Take,
+    fit,
+    fit_takes,
+    read_recording,
+)
 from jaxfem.materials.base import Material, Response
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.materials.creeping import CreepPlastic
@@ -26,6 +37,7 @@ from jaxfem.rigid.shapes import Box, Capsule, Cylinder, HeightField, Plane, Sign
 from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, scheme_damping
 from jaxfem.statics import equilibrium
 from jaxfem.stepping import StepError, impulses, prepare, rollout, step, with_memory
+from jaxfem.sweeping import SweepError, SweepResult, sweep
 from jaxfem.vibration import modes
 
 __version__ = "0.1.0"
@@ -46,11 +58,13 @@ __all__ = [
     "Energies",
     "FitError",
     "FitResult",
+    "Gaussian",
     "GeneralizedAlpha",
     "HeightField",
     "HingeJoint",
     "J2Plastic",
     "Linear",
+    "LogNormal",
     "Material",
     "MaterialError",
     "MeshError",
@@ -61,6 +75,7 @@ __all__ = [
     "Motor",
     "NeoHookean",
     "NodalForce",
+    "Noise",
     "Nonlinear",
     "OverlapWarning",
     "Params",
@@ -82,6 +97,9 @@ __all__ = [
     "State",
     "StepError",
     "StepInfo",
+    "SweepError",
+    "SweepResult",
+    "Take",
     "TetMesh",
     "Traction",
     "TriangleMesh",
@@ -94,6 +112,7 @@ __all__ = [
     "energies",
     "equilibrium",
     "fit",
+    "fit_takes",
     "impulses",
     "mesh",
     "modes",
@@ -105,6 +124,7 @@ __all__ = [
     "scheme_damping",
     "solvers",
     "step",
+    "sweep",
     "with_account",
     "with_memory",
 ]

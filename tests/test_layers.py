@@ -23,7 +23,7 @@ LAYERS = [
     ["methods"],
     ["stepping", "building"],
     ["statics", "vibration", "diagnose"],
-    ["fitting"],
+    ["fitting", "sweeping"],
     ["io"],
     ["cli"],
 ]

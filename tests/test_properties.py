@@ -7,12 +7,12 @@ import functools
 
 import jax.numpy as jnp
 import numpy as np
-import pytest
 import scenes
 from hypothesis import Phase, given, settings
 from hypothesis import strategies as some
 
 import jaxfem as jf
+from jaxfem.solvers.status import describe
 
 STEPS = 4
 SIDE = 0.1
@@ -76,17 +76,20 @@ def test_what_is_turned_moves_turned(seed, material, dt, amount):
     np.testing.assert_allclose(speeds_turned, speeds @ turn.T, atol=1e-5 * max(SIDE / dt, np.abs(speeds).max()))
 
 
-@pytest.mark.xfail(reason="holds in most runs; one of several met a step that did not end with status 0", strict=False)
 @few
 @given(seeds, materials, steps, some.floats(0, 1))
 def test_a_free_body_keeps_its_momentum(seed, material, dt, amount):
-    """Its centre goes on as it did, from any start, collapsed and inverted elements included."""
+    """Its centre goes on as it did, from any start, collapsed and inverted elements included.
+
+    Such a start may turn the body by more than a step of straight lines bears; that has a status, and momentum all the
+    same.
+    """
     model, params, state = soft(jittered(seed, 0.05), material)
     state = started(model, state, seed, amount, dt)
     places, speeds, status = run(model, params, state, dt)
     mass = np.asarray(model.nodal_volumes) * float(material["density"])
     before, after = mass @ np.asarray(state.velocities), mass @ speeds
-    assert (status == 0).all()
+    assert all(code == 0 or "turned too far" in describe(code) for code in status), describe(status)
     fastest = max(np.abs(np.asarray(state.velocities)).max(), SIDE / dt)
     np.testing.assert_allclose(after, before, atol=1e-8 * mass.sum() * fastest)
     way = mass @ (places - np.asarray(state.positions)) / mass.sum()

@@ -15,9 +15,10 @@ from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
-from jaxfem.rows.contact import ContactValues, PatchContacts, ShapeContacts, SurfaceContacts
+from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
 from jaxfem.rows.corners import CornerContacts
 from jaxfem.rows.nearby import MOST_POINTS, NearbyContacts
+from jaxfem.rows.patches import PatchContacts
 
 
 def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:

@@ -81,7 +81,7 @@ def run(args: argparse.Namespace) -> int:
     print("\n2. recording six markers on it, with noise of 0.03 mm", flush=True)
     _record(folder, scene, args.seed)
     print("\n3. fitting, from a start thirty times too stiff", flush=True)
-    result = fit.fit_from_file(load_fit(folder / "fit.toml"))
+    result, _ = fit.fit_from_file(load_fit(folder / "fit.toml"))
     fit.write_results(folder / "fitted", result)
     if result.status == "interrupted":
         error("interrupted; the best so far is written")

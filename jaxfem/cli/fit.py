@@ -4,18 +4,23 @@ import argparse
 import csv
 import json
 import sys
+import time
 from pathlib import Path
 from typing import Any
 
 import jax
 
 from jaxfem.cli.messages import warning
-from jaxfem.fitting import FitError, FitResult, attach, fit, read_recording
-from jaxfem.io.fit_files import FitFile, load_fit
+from jaxfem.fitting import FitError, FitResult, Take, attach, fit_takes, read_recording
+from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
+from jaxfem.io.fit_json import as_json
 from jaxfem.io.fit_plots import plot_fit, plot_loss
+from jaxfem.io.fit_report import write_report
 from jaxfem.io.plots import PlotError, require_matplotlib
+from jaxfem.io.scene_files import SceneFileError
 
 EXIT_INTERRUPTED = 130
+EVERY = 10.0  # s between lines of progress in a file
 
 
 def add(subparsers: Any) -> None:
@@ -29,32 +34,71 @@ def add(subparsers: Any) -> None:
     parser.add_argument("--recording", metavar="CSV", help="the recording, instead of the one in the file")
     parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
     parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
+    parser.add_argument("--force", action="store_true", help="replace the results of an earlier fit")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
     """Fit and write the results; 0 when done, 130 when interrupted (with the best so far written)."""
     file = load_fit(args.file)
-    result = fit_from_file(file, args.recording)
     folder = Path(args.out) if args.out else file.folder
+    if not args.force:
+        _refuse_old(folder / "fitted.json")
+    result, takes = fit_from_file(file, args.recording)
     written = write_results(folder, result, plots=not args.no_plots)
+    files = {"fit": file.source, **_sources(file, args.recording)}
+    scene = takes[0].model, takes[0].state
+    settings = {**file.cutting, **file.settings}
+    written.insert(1, write_report(folder / "report.html", result, scene, files, settings))
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
     return EXIT_INTERRUPTED if result.status == "interrupted" else 0
 
 
-def fit_from_file(file: FitFile, recording: Any = None) -> FitResult:
+def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list[Take]]:
     """Run the fit of a file, on another `recording` (path of a CSV file) where one is given; a line of progress."""
     if file.scene.precision == "float64":
         jax.config.update("jax_enable_x64", True)
-    source = recording or file.recording
-    if source is None:
-        raise FitError(f'{file.source} names no recording: add recording = "FILE.csv", or give --recording FILE.csv')
-    samples = read_recording(source, **file.reading)
-    model, params, state = file.scene.build()
-    dt = samples.spacing / file.substeps if file.substeps else file.scene.dt
+    takes = takes_of(file, recording)
     with Ticker() as ticker:
-        return fit(
-            model, params, state, samples, attach(model, file.places), dt=dt, progress=ticker.show, **file.settings
+        return fit_takes(takes, progress=ticker.show, **file.settings), takes
+
+
+def takes_of(file: FitFile, recording: Any = None) -> list[Take]:
+    """The takes of a fit file, those held out behind the others."""
+    entries = file.takes
+    if not entries or recording:
+        source = recording or file.recording
+        if source is None:
+            raise FitError(
+                f'{file.source} names no recording: add recording = "FILE.csv", or give --recording FILE.csv'
+            )
+        entries = (TakeEntry(Path(source).stem, file.scene, Path(source), file.reading, False, file.cutting),)
+    takes = []
+    for each in sorted(entries, key=lambda entry: entry.held_out):
+        samples = read_recording(each.recording, **each.reading)
+        model, params, state = each.scene.build()
+        dt = samples.spacing / file.substeps if file.substeps else each.scene.dt
+        markers = attach(model, file.places)
+        takes.append(Take(model, params, state, samples, markers, dt, name=each.name, **each.cutting))
+    return takes
+
+
+def _sources(file: FitFile, recording: Any) -> dict[str, Path]:
+    """Files that a fit is made of, by what they are."""
+    found = {"scene": file.scene.source}
+    if file.takes and not recording:
+        for each in file.takes:
+            found |= {f"recording {each.name}": each.recording, f"scene {each.name}": each.scene.source}
+    else:
+        found["recording"] = Path(recording or file.recording or "")
+    return found
+
+
+def _refuse_old(values: Path) -> None:
+    """Refuse to write over the results of an earlier fit."""
+    if values.is_file():
+        raise SceneFileError(
+            f"{values} is the result of an earlier fit: give --force to replace it, or --out FOLDER for another place"
         )
 
 
@@ -77,44 +121,28 @@ def write_results(folder: Path, result: FitResult, plots: bool = True) -> list[P
     return written
 
 
-def as_json(result: FitResult) -> dict[str, Any]:
-    """The numbers of a result as plain lists and dictionaries."""
-    return {
-        "values": result.values,
-        "standard_errors": result.standard_errors,
-        "units": {each.name: each.unit for each in result.constants},
-        "correlation": result.correlation.tolist(),
-        "loss": result.loss,
-        f"residual_rms_{result.unit}": result.noise,
-        "release_s": result.release,
-        "release_interval_s": list(result.release_interval),
-        "samples": len(result.times),
-        "markers": list(result.markers),
-        "simulations": len(result.history),
-        "status": result.status,
-        "repairs": list(result.repairs),
-        "warnings": list(result.warnings),
-    }
-
-
 def _write_residuals(path: Path, result: FitResult) -> Path:
-    """A row a sample and marker: measured and simulated place in the body's frame, and their difference [m]."""
+    """A row a sample and marker of each take: measured and simulated place in the body's frame, their difference."""
     kinds = ("measured", "simulated", "residual")
     with path.open("w", newline="", encoding="utf-8") as file:
         writer = csv.writer(file)
-        writer.writerow(["time_s", "marker", *(f"{kind}_{axis}_{result.unit}" for kind in kinds for axis in "xyz")])
-        for k, time in enumerate(result.times):
-            for m, name in enumerate(result.markers):
-                cells = [v for each in (result.measured, result.simulated, result.residuals) for v in each[k, m]]
-                writer.writerow([f"{time:.9g}", name, *("" if v != v else f"{v:.7g}" for v in cells)])
+        names = [f"{kind}_{axis}_{result.unit}" for kind in kinds for axis in "xyz"]
+        writer.writerow(["time_s", "take", "marker", *names])
+        for take in result.takes:
+            for k, time in enumerate(take.times):
+                for m, name in enumerate(take.markers):
+                    cells = [v for each in (take.measured, take.simulated, take.residuals) for v in each[k, m]]
+                    numbers = ("" if v != v else f"{v:.7g}" for v in cells)
+                    writer.writerow([f"{time:.9g}", take.name, name, *numbers])
     return path
 
 
 class Ticker:
-    """One line on a terminal that tells how far a fit is; nothing where the output goes to a file."""
+    """One line on a terminal that tells how far a fit is; where the output goes to a file, a line every ten seconds."""
 
     def __init__(self) -> None:
         self.shown, self.best = sys.stderr.isatty(), float("inf")
+        self.told = time.monotonic()
 
     def __enter__(self) -> "Ticker":
         if self.shown:
@@ -128,7 +156,10 @@ class Ticker:
     def show(self, stage: str, iteration: int, loss: float, values: dict[str, float]) -> None:
         """Stage, count of simulations, best loss, the values tried."""
         self.best = min(self.best, loss)
+        listed = "  ".join(f"{name} {value:.4g}" for name, value in values.items())
+        line = f"{stage:<10} simulation {iteration + 1:3d}  best loss {self.best:.3g}  {listed}"
         if self.shown:
-            listed = "  ".join(f"{name} {value:.4g}" for name, value in values.items())
-            line = f"{stage:<10} simulation {iteration + 1:3d}  best loss {self.best:.3g}  {listed}"
             print(f"\r\x1b[K{line[:110]}", end="", file=sys.stderr, flush=True)
+        elif time.monotonic() - self.told >= EVERY:
+            self.told = time.monotonic()
+            print(line, file=sys.stderr, flush=True)

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any
 
 import jaxfem
-from jaxfem.cli import bench, compare, completion, demo, fit, mesh_info, new, recording_info, simulate, view
+from jaxfem.cli import bench, compare, completion, demo, fit, mesh_info, new, recording_info, simulate, sweep, view
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
 from jaxfem.io.plots import PlotError
@@ -23,7 +23,19 @@ from jaxfem.io.scene_files import SceneFileError
 from jaxfem.materials.constants import MaterialError
 from jaxfem.mesh import MeshError, MeshWarning
 
-COMMANDS: tuple[Any, ...] = (new, simulate, view, compare, fit, demo, bench, mesh_info, recording_info, completion)
+COMMANDS: tuple[Any, ...] = (
+    new,
+    simulate,
+    view,
+    compare,
+    fit,
+    sweep,
+    demo,
+    bench,
+    mesh_info,
+    recording_info,
+    completion,
+)
 OWN_WARNINGS = (jaxfem.AccuracyWarning, MeshWarning)
 USER_ERRORS = (
     SceneFileError,
@@ -32,6 +44,7 @@ USER_ERRORS = (
     MeshError,
     jaxfem.StepError,
     jaxfem.FitError,
+    jaxfem.SweepError,
     PlotError,
     ImportError,  # of --import, or an extra that is missing
     OSError,  # a file that is missing, or a folder that cannot be written

@@ -1,4 +1,4 @@
-"""The loop of `jaxfem simulate`: chunks of steps through one compiled program, watched for failures."""
+"""The loop of `jaxfem simulate`: chunks of frames through one compiled program, watched for failures."""
 
 import dataclasses
 import math
@@ -15,7 +15,12 @@ from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status
-from jaxfem.stepping import rollout
+from jaxfem.stepping.frames import begin, frames
+
+PACE = 0.5  # s that a call may take: an interruption is heard, and what was reached is written, between calls
+GROWTH = 4  # of the number of frames a call, from one
+ROOM = 64e6  # bytes of frames that wait to be written
+MOST = 64  # frames a call: what a call costs beside its steps is nothing by then
 
 
 @dataclasses.dataclass
@@ -23,7 +28,7 @@ class Run:
     """A run in progress: after `done` of `steps` steps of `dt` [s] it is at `state`; a frame each `every` steps.
     A step that fails is taken again in halves `halvings` times.
 
-    `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call.
+    `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call, of at most `most` frames.
     """
 
     model: Model
@@ -38,19 +43,27 @@ class Run:
     interrupted: bool = False
     warned: bool = False
     chunks: list[tuple[int, float]] = dataclasses.field(default_factory=list)
+    most: int = 1
+
+    def __post_init__(self) -> None:
+        """What serves all steps is made here, once, from the state at the start: also for a run that goes on later."""
+        if self.model is not None:
+            self.model, state = begin(self.model, self.params, self.state, self.dt)
+            self.state = jax.tree.map(np.asarray, state)  # as later ones are: else a program more
+            size = sum(leaf.nbytes for leaf in jax.tree.leaves(self.state))
+            self.most = int(np.clip(ROOM // max(size, 1), 1, MOST))
 
     def timing(self) -> tuple[float, float]:
         """Seconds spent compiling (with the first steps, where no others were taken), and a step (0: not known).
 
-        The first chunk of each length compiles; the others tell how long a step takes.
+        The first chunk compiles; the others tell how long a step takes.
         """
-        lengths = [count for count, _ in self.chunks]
-        first = [lengths.index(count) == i for i, count in enumerate(lengths)]
-        later = [chunk for chunk, fresh in zip(self.chunks, first, strict=True) if not fresh]
-        taken = sum(count for count, _ in later)
-        each = sum(seconds for _, seconds in later) / taken if taken else 0.0
-        fresh = [seconds - count * each for (count, seconds), new in zip(self.chunks, first, strict=True) if new]
-        return max(0.0, sum(fresh)), each
+        if not self.chunks:
+            return 0.0, 0.0
+        (count, seconds), *later = self.chunks
+        taken = sum(steps for steps, _ in later)
+        each = sum(spent for _, spent in later) / taken if taken else 0.0
+        return max(0.0, seconds - count * each), each
 
 
 def advance(run: Run, writer: FrameWriter) -> None:
@@ -66,27 +79,39 @@ def advance(run: Run, writer: FrameWriter) -> None:
 
 
 def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
-    count = min(run.every, run.steps - run.done)
-    fresh = count not in [steps for steps, _ in run.chunks]
+    """Frames by one call, as many as `PACE` allows; the last one may be of fewer steps."""
+    left = run.steps - run.done
+    every, count = min(run.every, left), min(_affordable(run), max(1, left // run.every))
+    fresh = not run.chunks
     if fresh:
         bar.compiling()
     begun = time.perf_counter()
-    made = rollout(
-        run.model,
-        run.params,
-        run.state,
-        run.dt,
-        count,
-        every=count,
-        on_failure="halve" if run.halvings else "stop",
-        halvings=run.halvings or 1,
-    )
-    states, infos = jax.block_until_ready(made)
-    run.chunks.append((count, time.perf_counter() - begun))
+    options = {"most": run.most, "halvings": run.halvings}
+    made = jax.block_until_ready(frames(run.model, run.params, run.state, run.dt, count, every, **options))
+    run.chunks.append((count * every, time.perf_counter() - begun))
     # Through the host, where the frame is written anyway: on the device each shape would take a program of its own.
-    following, info = jax.tree.map(lambda leaf: np.asarray(leaf)[0], (states, infos))
+    rows = jax.tree.map(np.asarray, made)
+    for number in range(count):
+        following, info = jax.tree.map(lambda leaf, at=number: leaf[at], rows)
+        _frame(run, writer, bar, following, info, every)
+        if run.problem:
+            return
+        bar.advance(every, f"t = {run.done * run.dt:.4g} s", compiled=fresh)
+
+
+def _affordable(run: Run) -> int:
+    """How many frames the next call takes: by how long the last took, which compiled nothing."""
+    if len(run.chunks) < 2:
+        return 1
+    steps, seconds = run.chunks[-1]
+    last = max(1, steps // run.every)
+    return int(np.clip(PACE / max(seconds, 1e-9) * last, 1, min(GROWTH * last, run.most)))
+
+
+def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info: StepInfo, count: int) -> None:
+    """Take note of a frame, `count` steps after the last: written, or the end of the run."""
     if _failed(following, info):
-        # The rollout has stopped there: its time says at which step.
+        # The run has stopped there: its time says at which step.
         taken = max(1, math.ceil((float(following.time) - float(run.state.time)) / run.dt - 1e-3))
         run.problem = _problem(run, run.done + min(taken, count), following, info)
         run.done += min(taken, count) - 1
@@ -97,7 +122,6 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
         run.warned = True
     run.state, run.done = following, run.done + count
     _written(run, writer)
-    bar.advance(count, f"t = {run.done * run.dt:.4g} s", compiled=fresh)
 
 
 def _written(run: Run, writer: FrameWriter) -> None:

@@ -7,9 +7,8 @@ import numpy as np
 
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.statistics import OPEN_CORRELATION, Uncertainty, ringing_frequency
-from jaxfem.fitting.unknowns import DELAY, Unknowns
+from jaxfem.fitting.unknowns import Unknowns, is_delay
 from jaxfem.materials.constants import Constant
-from jaxfem.materials.linear import POISSON
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.model import Model, Params, element_stiffness
 
@@ -32,7 +31,6 @@ def advice(
         *_at_bounds(unknowns, z),
         *_open_unknowns(unknowns, uncertainty),
         *_doubtful(unknowns, z),
-        *_samples(measured, unknowns, uncertainty),
     ]
     if step_failures:
         texts.append(
@@ -48,11 +46,10 @@ def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
     poisson = float(jnp.max(ratio_and_modulus(*element_stiffness(model, params))[0]))
     if poisson <= 0.45 + 1e-6 or not any(each.part == "full" for each in model.domains):
         return []
-    held = "held" if POISSON.name in params.constants and POISSON not in unknowns.constants else "fitted"
     return [
-        f"Poisson's ratio {held} at {poisson:.4g} with plain linear tetrahedra, which lock above 0.45: they are too "
-        "stiff (about five times near 0.499 on a coarse mesh), and Young's modulus comes out too low by that factor. "
-        "Hold poisson at 0.45 or below, refine the mesh and see whether the values stay"
+        f"Poisson's ratio is {poisson:.4g} with plain linear tetrahedra, which lock above 0.45: they are too stiff "
+        "(about five times near 0.499 on a coarse mesh), and Young's modulus comes out too low by that factor. Take "
+        'strain = "smoothed", hold the ratio at 0.45 or below, or refine the mesh and see whether the values stay'
     ]
 
 
@@ -120,29 +117,61 @@ def _doubtful(unknowns: Unknowns, z: np.ndarray) -> list[str]:
     return texts
 
 
-def _samples(measured: Measurement, unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
+def sample_advice(
+    measured: Sequence[Measurement], unknowns: Unknowns, uncertainty: Uncertainty, names: Sequence[str]
+) -> tuple[str, ...]:
+    """Warnings of what the samples of each take leave open."""
     texts: list[str] = []
-    begins, low, high = measured.begins
-    if high > low and DELAY not in unknowns.constants:
-        texts.append(
-            f"the release was found at {begins:g} s and may lie from {low:g} to {high:g} s: error bars know nothing of "
-            'that. Fit "delay" too, or give release = TIME'
-        )
-    if measured.left_out:
-        listed: Sequence[str] = measured.left_out
-        texts.append(f"{', '.join(listed)}: never seen before the release, so left out of the displacements")
+    for each, name in zip(measured, names, strict=True):
+        where = f"{name}: " if len(names) > 1 else ""
+        begins, low, high = each.begins
+        if high > low and not any(is_delay(constant) for constant in unknowns.constants):
+            texts.append(
+                f"{where}the release was found at {begins:g} s and may lie from {low:g} to {high:g} s: error bars know "
+                'nothing of that. Fit "delay" too, or give release = TIME'
+            )
+        if each.left_out:
+            listed = ", ".join(each.left_out)
+            texts.append(f"{where}{listed}: never seen before the release, so left out of the displacements")
     if uncertainty.inflation > 3 and uncertainty.noise > 1e-6:  # exact data leave rounding errors
         texts.append(
-            f"the residuals are smooth in time (about {uncertainty.inflation:.0f} samples tell the same): the model "
-            "leaves out something that the body does. Error bars are widened for it but know nothing of the bias itself"
+            f"the residuals are smooth in time (about {uncertainty.inflation:.0f} samples tell the same): the noise "
+            "remembers, or the model leaves out something that the body does. Error bars are those of such noise, and "
+            "know nothing of a bias"
         )
-    return texts
+    return tuple(texts)
 
 
-def text_of(constants: Sequence[Constant], values: Mapping[str, float], errors: Mapping[str, float]) -> str:
-    """One line a parameter: value, error bar, unit."""
+def weakest_in_words(unknowns: Unknowns, z: np.ndarray, uncertainty: Uncertainty) -> str:
+    """The combination of parameters that is known worst: what changes together within one standard error."""
+    direction = uncertainty.weakest
+    if len(z) < 2 or uncertainty.singular or not direction.size:
+        return ""
+    variance = float(direction @ uncertainty.covariance @ direction) / max(float(direction @ direction) ** 2, 1e-300)
+    step = direction * np.sqrt(max(variance, 0.0))
+    bars = np.sqrt(np.maximum(np.diag(uncertainty.covariance), 1e-300))
+    parts = []
+    for constant, each, bar, slope in zip(unknowns.constants, step, bars, unknowns.slopes(z), strict=True):
+        if abs(each) < 0.2 * bar:
+            continue
+        share = f"{100 * each:+.2g} %" if constant.transform.proportional else f"{each * slope:+.2g} {constant.unit}"
+        parts.append(f"{constant.name} {share}".rstrip())
+    if len(parts) < 2:
+        return ""
+    return f"known worst is a change together, within one standard error: {', '.join(parts)}"
+
+
+def text_of(
+    constants: Sequence[Constant],
+    values: Mapping[str, float],
+    errors: Mapping[str, float],
+    intervals: Mapping[str, tuple[float, float]],
+) -> str:
+    """One line a parameter: value, error bar, unit, 95 % interval."""
+    width = max(9, *(len(each.name) for each in constants))
     lines = []
     for each in constants:
-        value, error = values[each.name], errors[each.name]
-        lines.append(f"  {each.name:<9}{value:>12.5g} +- {error:<10.2g}{each.unit}".rstrip())
+        low, high = intervals[each.name]
+        bar = f"{values[each.name]:>12.5g} +- {errors[each.name]:<10.2g}{each.unit}".rstrip()
+        lines.append(f"  {each.name:<{width}}{bar}   (95 %: {low:.5g} to {high:.5g})")
     return "\n".join(lines)

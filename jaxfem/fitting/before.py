@@ -13,19 +13,18 @@ import numpy as np
 
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import linearised, pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.unknowns import DELAY, Unknowns
+from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
 from jaxfem.solvers import Status
 from jaxfem.system.soft import external_force
 
 AGAINST = -0.5  # cosine between recorded and simulated motion, below which they are opposed
-BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
 def refuse(faults: Sequence[str], checks: str) -> list[str]:
@@ -69,25 +68,30 @@ def load_acceleration(model: Model, params: Params, state: State) -> float | Non
     return float(jnp.linalg.norm(force.sum(axis=0)) / nodal_mass(model, params.density).sum())
 
 
-def start_faults(evaluator: Evaluator, z: np.ndarray, measured: Measurement, frame: str) -> list[str]:
-    """What one linearised simulation at the start z shows; nothing where it breaks down, which the search may mend."""
-    problem = evaluator.problem
-    at = jnp.asarray(z, problem.model.rest.dtype)
-    residual, jacobian, outcome = linearised(at, problem, evaluator.plan)
-    columns = np.asarray(jacobian, np.float64).reshape(z.size, -1)
-    if Status(int(outcome.status)) in BROKEN or not (np.isfinite(residual).all() and np.isfinite(columns).all()):
-        return []
-    weights = np.asarray(problem.weights, np.float64)
-    told = np.asarray(outcome.simulated, np.float64) * weights  # in the residual's unit
-    size = float(np.sqrt(((told - told.mean(axis=0)) ** 2).sum()))
-    faults = (
-        []
-        if frame == "all"
-        else _direction(
-            np.asarray(outcome.simulated, np.float64), measured, problem.markers.names, evaluator.plan.compare
-        )
-    )
-    return faults + open_faults(columns, evaluator.unknowns, size, float(jnp.finfo(at.dtype).eps))
+def start_faults(
+    evaluator: Evaluator, z: np.ndarray, measured: Sequence[Measurement], frames: Sequence[str]
+) -> list[str]:
+    """What one linearised simulation of each take at the start z shows; nothing where one breaks down, which the search
+    may mend."""
+    faults, columns, size = [], [], 0.0
+    for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
+        residual, own, outcome = linearised(piece.at(z), piece.problem, piece.plan)
+        jacobian = np.zeros((z.size, residual.size))
+        jacobian[piece.columns] = np.asarray(own, np.float64).reshape(len(piece.columns), -1)
+        if Status(int(outcome.status)) in BROKEN or not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
+            return []
+        simulated = np.asarray(outcome.simulated, np.float64)
+        told = simulated * np.asarray(piece.problem.weights, np.float64)  # in the residual's unit
+        size += float(((told - told.mean(axis=0)) ** 2).sum())
+        columns.append(jacobian)
+        if frame != "all":
+            faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare)
+    joined = np.concatenate(columns, axis=1)
+    if evaluator.priors is not None:
+        prior = evaluator.variance**0.5 * evaluator.priors.rows(z)[1].T
+        joined = np.concatenate([joined, prior], axis=1)
+    eps = float(jnp.finfo(evaluator.pieces[0].problem.model.rest.dtype).eps)
+    return faults + open_faults(joined, evaluator.unknowns, size**0.5, eps)
 
 
 def open_faults(columns: np.ndarray, unknown: Unknowns, size: float, eps: float) -> list[str]:
@@ -139,7 +143,7 @@ def outside(params: Params, unknown: Unknowns) -> list[str]:
     """The scene's own values that had to be moved inside the bounds to start from."""
     notes = []
     for each, low, high in zip(unknown.constants, unknown.lower, unknown.upper, strict=True):
-        if each is DELAY:
+        if each.name not in params.constants:
             continue
         value = float(np.mean(np.asarray(params.constants[each.name])))
         if not low <= value <= high and value > 0:

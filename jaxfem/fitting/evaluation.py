@@ -1,80 +1,115 @@
-"""The host's view of the objective: flat residuals in NumPy, a count of evaluations, the best point seen, a history."""
+"""The host's view of the objective: residuals of all takes in NumPy, counts, the best point seen, a history."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.objective import Outcome, Plan, Problem, linearised, residuals
+from jaxfem.fitting.priors import Priors
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
+BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
 @dataclasses.dataclass(frozen=True)
 class Visit:
-    """One evaluation: `stage`, `iteration` (counted through the whole fit), `loss`, `values` of the parameters."""
+    """One evaluation: `stage`, `iteration` (counted through the whole fit), `loss`, `values` of the parameters;
+    `derivatives`: whether the Jacobian was made too."""
 
     stage: str
     iteration: int
     loss: float
     values: dict[str, float]
+    derivatives: bool = False
+
+
+@dataclasses.dataclass(frozen=True)
+class Piece:
+    """One take as it is compiled: `problem`, `plan`, and which unknowns z are its own, `columns` (p,)."""
+
+    problem: Problem
+    plan: Plan
+    columns: np.ndarray
+
+    def with_steps(self, every: int) -> "Piece":
+        """The same with `every` steps a saved frame."""
+        dt = self.problem.dt * self.plan.every / every
+        return Piece(self.problem.replace(dt=dt), dataclasses.replace(self.plan, every=every), self.columns)
+
+    def at(self, z: np.ndarray) -> Any:
+        """Its own unknowns, as its model takes them."""
+        return jnp.asarray(z[self.columns], self.problem.model.rest.dtype)
 
 
 class Evaluator:
-    """Residuals (T, M, 3) and Jacobian (P, T, M, 3) at z, as float64 NumPy arrays; loss is their mean square.
+    """Residuals (T, M, 3) and Jacobians (P, T, M, 3) of each take at z, as float64 NumPy arrays.
 
-    Keeps the `best` z by the full loss, so that an interrupted search still has an answer.
+    Keeps the `best` z by the full loss, the mean square of all residuals, so that an interrupted search still has an
+    answer. `variance`: of the noise, in the residuals' unit squared; by it `priors` are weighed against samples.
     """
 
-    def __init__(self, problem: Problem, plan: Plan, unknowns: Unknowns, progress: Progress | None):
-        self.problem, self.plan, self.unknowns, self.progress = problem, plan, unknowns, progress
+    def __init__(
+        self,
+        pieces: Sequence[Piece],
+        unknowns: Unknowns,
+        progress: Progress | None = None,
+        priors: Priors | None = None,
+        variance: float = 1e-4,
+    ):
+        self.pieces, self.unknowns, self.progress = tuple(pieces), unknowns, progress
+        self.priors, self.variance = priors, variance
         self.stage = "scan"
         self.history: list[Visit] = []
         self.best: np.ndarray | None = None
         self.best_loss = np.inf
-        weights = np.asarray(problem.weights)
-        self.samples = int(np.count_nonzero(weights))
+        self.samples = int(sum(np.count_nonzero(np.asarray(each.problem.weights)) for each in pieces))
         self.step_failures = 0
 
     def with_steps(self, every: int) -> "Evaluator":
         """The same fit with `every` steps a saved frame; the history is shared."""
-        dt = self.problem.dt * self.plan.every / every
-        other = Evaluator(
-            self.problem.replace(dt=dt),
-            dataclasses.replace(self.plan, every=every),
-            self.unknowns,
-            self.progress,
-        )
+        pieces = [each.with_steps(every) for each in self.pieces]
+        other = Evaluator(pieces, self.unknowns, self.progress, self.priors, self.variance)
         other.history = self.history
         return other
 
-    def residual(self, z: np.ndarray) -> tuple[np.ndarray, Outcome]:
-        """Residuals at z and the side results; infinite where the simulation left the finite numbers."""
-        r, outcome = residuals(self._array(z), self.problem, self.plan)
-        return self._seen(z, _or_infinite(r, outcome), outcome), outcome
+    def residual(self, z: np.ndarray) -> tuple[list[np.ndarray], list[Outcome]]:
+        """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
+        found = [residuals(each.at(z), each.problem, each.plan) for each in self.pieces]
+        r = [_or_infinite(each, outcome) for each, outcome in found]
+        return self._seen(z, r, [outcome for _, outcome in found]), [outcome for _, outcome in found]
 
-    def linear(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray, Outcome]:
-        """Residuals, Jacobian and side results at z."""
-        r, jacobian, outcome = linearised(self._array(z), self.problem, self.plan)
-        return self._seen(z, _or_infinite(r, outcome), outcome), np.asarray(jacobian, np.float64), outcome
+    def linear(self, z: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]:
+        """Residuals, Jacobians and side results at z."""
+        found = [linearised(each.at(z), each.problem, each.plan) for each in self.pieces]
+        outcomes = [outcome for *_, outcome in found]
+        r = [_or_infinite(each, outcome) for each, _, outcome in found]
+        jacobians = []
+        for piece, (each, own, _) in zip(self.pieces, found, strict=True):
+            jacobian = np.zeros((z.size, *each.shape))
+            jacobian[piece.columns] = np.asarray(own, np.float64)
+            jacobians.append(jacobian)
+        return self._seen(z, r, outcomes, derivatives=True), jacobians, outcomes
 
-    def loss(self, r: np.ndarray) -> float:
+    def loss(self, r: Sequence[np.ndarray] | np.ndarray) -> float:
         """Mean square of the residuals that are there; infinite where one is not finite."""
-        return float(np.sum(r * r) / self.samples) if np.isfinite(r).all() else float("inf")
+        arrays = [r] if isinstance(r, np.ndarray) else r
+        if not all(np.isfinite(each).all() for each in arrays):
+            return float("inf")
+        return float(sum((each * each).sum() for each in arrays)) / max(self.samples, 1)
 
-    def _array(self, z: np.ndarray) -> Any:
-        return jnp.asarray(z, self.problem.model.rest.dtype)
-
-    def _seen(self, z: np.ndarray, r: np.ndarray, outcome: Outcome) -> np.ndarray:
+    def _seen(
+        self, z: np.ndarray, r: list[np.ndarray], outcomes: Sequence[Outcome], derivatives: bool = False
+    ) -> list[np.ndarray]:
         loss = self.loss(r)
-        self.step_failures += int(outcome.status != 0)
+        self.step_failures += int(any(int(each.status) != 0 for each in outcomes))
         if loss < self.best_loss:
             self.best, self.best_loss = np.array(z), loss
-        visit = Visit(self.stage, len(self.history), loss, self.unknowns.values(z))
+        visit = Visit(self.stage, len(self.history), loss, self.unknowns.values(z), derivatives)
         self.history.append(visit)
         if self.progress is not None:
             self.progress(visit.stage, visit.iteration, visit.loss, visit.values)
@@ -84,5 +119,4 @@ class Evaluator:
 def _or_infinite(r: Any, outcome: Outcome) -> np.ndarray:
     """Residuals; infinite where a step broke down, since a step that fails returns its guess, not a motion."""
     array = np.asarray(r, np.float64)
-    broken = Status(int(outcome.status)) in (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
-    return np.full_like(array, np.inf) if broken else array
+    return np.full_like(array, np.inf) if Status(int(outcome.status)) in BROKEN else array

@@ -22,7 +22,8 @@ class Measurement:
     3) the places before the release, the median of `still_rows` (M,) samples, `spacing` [s] of the samples; `left_out`
     names markers without an origin; `free_origin`: it is no better known than any sample, and found with the fit;
     `begins` (3,): time of the release in the recording [s], and the interval that holds it; `stood` (M, 3): the places
-    before the release as they were recorded, NaN where unknown."""
+    before the release as they were recorded, NaN where unknown; `still` (n, M, 3): the samples before the release that
+    tell the origin, less it [m], NaN where not seen, in the rows `still_when` (n,), counted from the release."""
 
     times: np.ndarray
     positions: np.ndarray
@@ -34,6 +35,8 @@ class Measurement:
     free_origin: bool = False
     begins: tuple[float, float, float] = (0.0, 0.0, 0.0)
     stood: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 3)))
+    still: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros((0, 0, 3)))
+    still_when: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0, int))
 
     @property
     def displacement_scale(self) -> float:
@@ -68,11 +71,14 @@ def measurement(
     origin, still_rows = _origin(recording, still, first)
     stood = _origin(recording, slice(0, first + 1), first)[0]
     positions = recording.positions[first:last]
+    before = np.arange(_first_still(first) if still.start == 0 else first, first)
+    quiet = recording.positions[before] - origin
     if frame == "rest":
         known = np.isfinite(origin).all(axis=1)
         check_frame(nominal[known], 'frame = "rest"')
         rotation, translation = (np.asarray(a) for a in rigid_fit(origin, nominal, known.astype(float)))
         positions, origin = positions @ rotation.T + translation, origin @ rotation.T + translation
+        quiet = quiet @ rotation.T
     elif frame == "all":
         check_frame(nominal, 'frame = "all"')
     free_origin = compare == "displacement" and first < FEW
@@ -90,7 +96,18 @@ def measurement(
     times_of = recording.times
     begins = (float(times_of[first]), float(times_of[earliest]), float(times_of[latest]))
     return Measurement(
-        times, filled, seen, np.nan_to_num(origin), still_rows, recording.spacing, left_out, free_origin, begins, stood
+        times=times,
+        positions=filled,
+        seen=seen,
+        origin=np.nan_to_num(origin),
+        still_rows=still_rows,
+        spacing=recording.spacing,
+        left_out=left_out,
+        free_origin=free_origin,
+        begins=begins,
+        stood=stood,
+        still=quiet,
+        still_when=np.round((times_of[before] - times_of[first]) / recording.spacing).astype(int),
     )
 
 
@@ -130,10 +147,15 @@ def _origin(recording: Recording, still: slice, first: int) -> tuple[np.ndarray,
     The median, not the mean: a marker that the camera loses for a while jumps when it is found again.
     """
     seen = recording.seen[still]
-    # Hands drift: only the second half of a long wait is taken.
-    seen[: (first + 1) // 2] &= first < 2
+    if still.start == 0:
+        seen[: _first_still(first)] = False
     counts = seen.sum(axis=0)
     origin = np.full(recording.positions.shape[1:], np.nan)
     for marker in np.flatnonzero(counts):
         origin[marker] = np.median(recording.positions[still][seen[:, marker], marker], axis=0)
     return origin, counts
+
+
+def _first_still(first: int) -> int:
+    """The first row that tells the origin: hands drift, so only the second half of a long wait is taken."""
+    return 0 if first < 2 else (first + 1) // 2

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.frames import rigid_fit
 from jaxfem.fitting.markers import Markers, marker_positions
 from jaxfem.fitting.measurement import Measurement
@@ -70,10 +69,10 @@ def make_problem(
     sigma: Any,
     camera: Any = None,
 ) -> Problem:
-    """Arrays of the compiled evaluation; `sigma`: None, or one number, one a marker (M,), or (M, 3) [m]."""
+    """Arrays of the compiled evaluation; `sigma` (M, 3): scale of the residuals [m, or px]."""
     dtype = model.rest.dtype
     weights = np.broadcast_to(measured.seen[..., None], measured.positions.shape).astype(np.float64)
-    weights = weights / _sigma(sigma, measured)
+    weights = weights / sigma
     if camera is not None:
         weights[..., 2] = 0.0  # pixels have two coordinates
     cast = [
@@ -146,16 +145,3 @@ def pixels(camera: Array, places: Array) -> Array:
     """Where a camera (3, 4) sees places (..., 3) [m]: (u, v, 0) [px] (Hartley & Zisserman 2004, chapter 6)."""
     seen = places @ camera[:, :3].T + camera[:, 3]
     return jnp.concatenate([seen[..., :2] / seen[..., 2:], jnp.zeros_like(seen[..., :1])], axis=-1)
-
-
-def _sigma(sigma: Any, measured: Measurement) -> np.ndarray:
-    """Scale of the residuals (M, 3): the motion's own where no scatter is known, so that weights are alike."""
-    count = measured.positions.shape[1]
-    array = np.asarray(measured.displacement_scale if sigma is None else sigma, dtype=np.float64)
-    array = array[:, None] if array.shape == (count,) else array
-    if array.shape not in ((), (count, 1), (count, 3)) or not (np.isfinite(array).all() and (array > 0).all()):
-        raise FitError(
-            f"sigma is {sigma!r}: give the markers' scatter in m as one positive number, one for each of the {count} "
-            f"markers, or ({count}, 3)"
-        )
-    return np.broadcast_to(array, (count, 3))

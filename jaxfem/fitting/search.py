@@ -6,12 +6,12 @@ residuals are first smoothed over a long time, then over a shorter one, then tak
 """
 
 import dataclasses
-from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.weighting import Plain, Smoothed, Weighting, smoother
 
 if TYPE_CHECKING:  # slow to import: only where its steps are asked for
     import optax
@@ -20,7 +20,6 @@ SCAN_RATIO = 2.0
 JUMPS = 6
 TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
 LONGEST_STEP = 1.0  # in z: a factor of 2.7
-Smoother = Callable[[np.ndarray], np.ndarray]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -42,10 +41,7 @@ class Search:
 
 def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.ndarray:
     """The best z (P,) found from the starting points; KeyboardInterrupt is left to the caller."""
-    times = np.asarray(evaluator.problem.times, np.float64)
-    seen = np.asarray(evaluator.problem.weights, np.float64)[..., 0] > 0
-    span = times[-1] - times[0]
-    long, short = (smoother(times, seen, span / share) for share in (4, 20))
+    long, short = (_averages(evaluator, share) for share in (4, 20))
     found = [point for start in starts for point in _scan(evaluator, start, long)]
     picked = sorted(found, key=lambda each: each[0])[: search.candidates]
     ends = []
@@ -54,30 +50,30 @@ def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.n
         z = _coarse(evaluator, z, long)
         evaluator.stage = "descent"
         z = _descend(evaluator, z, short, search)
-        z, loss = levenberg_marquardt(evaluator, z, short, 8, tol=1e-3)
+        z, loss = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3)
         ends.append((loss, tuple(z)))
     evaluator.stage = "polish"
     best, lowest = np.array(picked[0][1]), np.inf
     for _, end in sorted(ends):
         if np.isfinite(lowest) and evaluator.loss(evaluator.residual(np.array(end))[0]) > 30 * lowest:
             continue
-        z, loss = levenberg_marquardt(evaluator, np.array(end), None, search.polish, tol=search.tol)
+        z, loss = levenberg_marquardt(evaluator, np.array(end), search.polish, tol=search.tol)
         if loss < lowest:
             best, lowest = z, loss
     return best
 
 
-def smoother(times: np.ndarray, seen: np.ndarray, width: float) -> Smoother:
-    """Averages arrays (..., T, M, 3) over time with a Gaussian of standard deviation `width`; missing samples are left
-    out."""
-    kernel = np.exp(-0.5 * ((times[:, None] - times) / width) ** 2)
-    share = kernel[:, :, None] * seen  # (T, T, M)
-    share = share / np.maximum(share.sum(axis=1, keepdims=True), np.finfo(float).tiny)
-    share = np.moveaxis(share * seen[:, None], 2, 0)  # (M, T, T)
-    return lambda a: np.moveaxis(share @ np.moveaxis(a, -2, -3), -3, -2)
+def _averages(evaluator: Evaluator, share: float) -> Smoothed:
+    """Averages over a share of each take."""
+    smoothers = []
+    for piece in evaluator.pieces:
+        times = np.asarray(piece.problem.times, np.float64)
+        seen = np.asarray(piece.problem.weights, np.float64)[..., 0] > 0
+        smoothers.append(smoother(times, seen, (times[-1] - times[0]) / share))
+    return Smoothed(smoothers)
 
 
-def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tuple[float, np.ndarray]]:
+def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Weighting) -> list[tuple[float, np.ndarray]]:
     """Minima of the smoothed and of the full loss over the stiffness, from stiff to soft, where the motion is of the
     right size.
 
@@ -92,10 +88,10 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Smoother) -> list[tup
     points, losses, beyond = [], [], 0
     for value in np.linspace(high, low, count):
         z = _changed(start, axis, value)
-        r, outcome = evaluator.residual(z)
+        r, outcomes = evaluator.residual(z)
         points.append(z)
-        losses.append((evaluator.loss(smooth(r)), evaluator.loss(r)))
-        ratio = _excursion_ratio(evaluator, outcome)
+        losses.append((evaluator.loss(smooth.residual(r)), evaluator.loss(r)))
+        ratio = _excursion_ratio(evaluator, outcomes)
         beyond = beyond + 1 if ratio > TOO_FAR else 0
         if beyond == 2 or ratio > 2 * TOO_FAR:
             break
@@ -128,11 +124,16 @@ def _minima(values: np.ndarray) -> list[int]:
     return [i for i in lowest if np.isfinite(values[i])] or [0]
 
 
-def _excursion_ratio(evaluator: Evaluator, outcome: Any) -> float:
-    """How far the simulated markers swing about their mean places, as a multiple of what the measured ones do."""
-    seen = np.asarray(evaluator.problem.weights) > 0
-    far, real = (_swing(np.asarray(a, np.float64), seen) for a in (outcome.simulated, evaluator.problem.measured))
-    return far / real if np.isfinite(far) and real > 0 else np.inf
+def _excursion_ratio(evaluator: Evaluator, outcomes: Any) -> float:
+    """How far the simulated markers swing about their mean places, as a multiple of what the measured ones do; the
+    middle one of several takes."""
+    ratios = []
+    for piece, outcome in zip(evaluator.pieces, outcomes, strict=True):
+        seen = np.asarray(piece.problem.weights) > 0
+        places = (outcome.simulated, piece.problem.measured)
+        far, real = (_swing(np.asarray(a, np.float64), seen) for a in places)
+        ratios.append(far / real if np.isfinite(far) and real > 0 else np.inf)
+    return float(np.median(ratios))
 
 
 def _swing(positions: np.ndarray, seen: np.ndarray) -> float:
@@ -141,13 +142,13 @@ def _swing(positions: np.ndarray, seen: np.ndarray) -> float:
     return float(np.linalg.norm(np.where(seen, positions - mean, 0.0), axis=-1).max())
 
 
-def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Smoother) -> np.ndarray:
+def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Weighting) -> np.ndarray:
     """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
     chosen = np.arange(z.size) == evaluator.unknowns.scanned
-    return levenberg_marquardt(evaluator, z, smooth, 4, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
+    return levenberg_marquardt(evaluator, z, 4, smooth, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
 
 
-def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Smoother, search: Search) -> np.ndarray:
+def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Weighting, search: Search) -> np.ndarray:
     """An optax optimiser on the logarithm of the smoothed loss: steps of a set size, blind to bad scaling."""
     if search.descent == 0:
         return z
@@ -158,24 +159,55 @@ def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Smoother, search: Sear
     state, best, lowest, idle = optimizer.init(z), z, np.inf, 0
     for _ in range(search.descent):
         r, jacobian, _ = evaluator.linear(z)
-        smoothed = smooth(r)
+        smoothed = smooth.residual(r)
         loss = evaluator.loss(smoothed)
         idle = 0 if loss < 0.95 * lowest else idle + 1
         if loss < lowest:
             best, lowest = z, loss
         if idle == 3 or not np.isfinite(loss) or loss == 0:
             break
-        gradient = 2 * np.einsum("ptmi,tmi->p", smooth(jacobian), smoothed) / evaluator.samples / loss
+        gradient = 2 * smooth.columns(jacobian) @ smoothed / evaluator.samples / loss
         updates, state = optimizer.update(gradient, state, z)
         z = np.clip(np.asarray(optax.apply_updates(z, updates), np.float64), low, high)
     return best
 
 
+@dataclasses.dataclass(frozen=True)
+class Goal:
+    """What is minimised: the mean square of weighted residuals, and of what is known of the unknowns before."""
+
+    evaluator: Evaluator
+    weighting: Weighting
+
+    def value(self, z: np.ndarray) -> float:
+        """The loss at z."""
+        loss = self.evaluator.loss(self.weighting.residual(self.evaluator.residual(z)[0]))
+        return loss + self._before(z)[0]
+
+    def linear(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        """Loss, J'J (P, P) and J'r (P,) at z."""
+        r, jacobian, _ = self.evaluator.linear(z)
+        flat, columns = self.weighting.residual(r), self.weighting.columns(jacobian)
+        loss, normal, gradient = self._before(z)
+        return loss + self.evaluator.loss(flat), normal + columns @ columns.T, gradient + columns @ flat
+
+    def _before(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
+        if self.evaluator.priors is None:
+            return 0.0, np.zeros((z.size, z.size)), np.zeros(z.size)
+        rows, jacobian = self.evaluator.priors.rows(z)
+        variance = self.evaluator.variance
+        return (
+            variance * float(rows @ rows) / max(self.evaluator.samples, 1),
+            variance * jacobian.T @ jacobian,
+            variance * jacobian.T @ rows,
+        )
+
+
 def levenberg_marquardt(
     evaluator: Evaluator,
     z: np.ndarray,
-    smooth: Smoother | None,
     iterations: int,
+    weighting: Weighting | None = None,
     *,
     chosen: np.ndarray | None = None,
     tol: float = 1e-9,
@@ -183,47 +215,38 @@ def levenberg_marquardt(
     """Least squares from z inside the box: (z, loss). Stops when a step gains less than `tol` of the loss.
 
     Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against.
+    `chosen` (P,): those that are searched, all of them when None.
     """
-    smooth = smooth or (lambda a: a)
+    goal = Goal(evaluator, weighting or Plain())
     chosen = np.ones(z.size, bool) if chosen is None else chosen
     low, high = evaluator.unknowns.box
     damping = 1e-3
     for _ in range(iterations):
-        r, jacobian, _ = evaluator.linear(z)
-        r, columns = smooth(r), smooth(jacobian).reshape(z.size, -1)
-        loss = evaluator.loss(r)
-        if not (np.isfinite(loss) and np.isfinite(columns).all()):
+        loss, normal, gradient = goal.linear(z)
+        if not (np.isfinite(loss) and np.isfinite(normal).all()):
             return z, loss
-        normal, gradient = columns @ columns.T, columns @ r.ravel()
         free = chosen & ~((z <= low) & (gradient > 0)) & ~((z >= high) & (gradient < 0))
         if not free.any() or loss < 1e-24:
             return z, loss
-        trial, gain, damping = _better(evaluator, z, smooth, loss, normal, gradient, free, damping)
+        trial, gain, damping = _better(goal, z, loss, normal, gradient, free, damping)
         if trial is None:
             return z, loss
         moved, z = np.abs(trial - z).max(), trial
         if gain < tol or moved < 1e-8:
             return z, loss * (1 - gain)
-    return z, evaluator.loss(smooth(evaluator.residual(z)[0]))
+    return z, goal.value(z)
 
 
 def _better(
-    evaluator: Evaluator,
-    z: np.ndarray,
-    smooth: Smoother,
-    loss: float,
-    normal: np.ndarray,
-    gradient: np.ndarray,
-    free: np.ndarray,
-    damping: float,
+    goal: Goal, z: np.ndarray, loss: float, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float
 ) -> tuple[np.ndarray | None, float, float]:
     """A point with less loss: (z or None, share of the loss gained, next damping)."""
-    low, high = evaluator.unknowns.box
+    low, high = goal.evaluator.unknowns.box
     for _ in range(8):
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
         trial = np.clip(z + np.clip(step, -LONGEST_STEP, LONGEST_STEP), low, high)
-        new = evaluator.loss(smooth(evaluator.residual(trial)[0]))
+        new = goal.value(trial)
         if new < loss:
             return trial, 1 - new / loss, max(damping / 10, 1e-12)
         if np.abs(trial - z).max() < 1e-8:

@@ -1,21 +1,30 @@
 """What the residuals at the end of a fit say: scatter, error bars, correlations."""
 
 import dataclasses
+from collections.abc import Sequence
 
 import numpy as np
 
+from jaxfem.fitting.correlation import MOST_COLUMNS, Channels, correlation_matrix, estimated, integrated, levelled
+
 OPEN_CORRELATION = 0.995
+Blocks = Sequence[tuple[Channels, np.ndarray, np.ndarray]]
 
 
 @dataclasses.dataclass(frozen=True)
 class Uncertainty:
     """`covariance` (P, P) of the free numbers z, `noise` (the residuals' scatter, in units of sigma), `inflation`: how
-    many neighbouring samples tell the same, `singular`: whether some combination of the unknowns is not seen at all."""
+    many neighbouring samples tell the same, `singular`: whether some combination of the unknowns is not seen at all;
+    `partial`: partial autocorrelations of the noise; `freedom`: degrees of freedom of the scatter, as of independent
+    samples; `weakest` (P,): the combination of z that is known worst, in standard deviations of each."""
 
     covariance: np.ndarray
     noise: float
     inflation: float
     singular: bool
+    partial: tuple[float, ...] = ()
+    freedom: float = np.inf
+    weakest: np.ndarray = dataclasses.field(default_factory=lambda: np.zeros(0))
 
     @property
     def correlation(self) -> np.ndarray:
@@ -23,61 +32,108 @@ class Uncertainty:
         spread = np.sqrt(np.diag(self.covariance))
         return np.asarray(self.covariance / np.maximum(np.outer(spread, spread), np.finfo(float).tiny))
 
+    @property
+    def factor(self) -> float:
+        """Half a 95 % interval in standard errors: Student's t."""
+        from scipy.stats import t
+
+        return float(t.ppf(0.975, max(self.freedom, 1.0)))
+
 
 def uncertainty(
-    residual: np.ndarray,
-    jacobian: np.ndarray,
-    seen: np.ndarray,
-    still_rows: np.ndarray | None,
-    constants: int,
-    axes: int = 3,
+    channels: Sequence[Channels],
+    residual: Sequence[np.ndarray],
+    jacobian: Sequence[np.ndarray],
+    correlation: str,
+    *,
+    known: bool = False,
+    constants: int = 0,
+    prior: np.ndarray | None = None,
+    partial: tuple[float, ...] | None = None,
 ) -> Uncertainty:
-    """Error bars from residuals (T, M, 3) and Jacobian (P, T, M, 3); `seen` (T, M).
+    """Error bars from residuals (T, M, 3) and Jacobians (P, T, M, 3) of each take.
 
-    Linear least squares about the solution, cov = s^2 (J'J)^-1, times the residuals' integrated autocorrelation time:
-    what a model leaves unexplained is smooth in time, and T samples of it are fewer independent ones. Displacements
-    from a place that is itself the median of `still_rows` (M,) samples share its scatter: None where they do not.
-    `constants`: further unknowns (a frame, places of origin) that were found along the way. `axes`: coordinates of
-    a sample, 2 of pixels. Seber & Wild 1989,
-    chapters 5 and 6.
+    Least squares about the solution with noise of covariance s^2 V: "white" V = 1; "effective" cov = s^2 (J'J)^-1 J'VJ
+    (J'J)^-1, V an autoregression that the residuals show (a body that rings hears noise of its own pitch, so that a
+    single number of effective samples would not do); "ar", where the fit was made with V, cov = s^2 (J'V^-1 J)^-1.
+    Displacements from a place that is itself the median of still samples share its error. `known`: s = 1. `constants`:
+    further unknowns (a frame) that were found along the way. `prior` (P, P): precision of what was known of z before, s
+    included. Seber & Wild 1989, chapters 5 and 6.
     """
-    count = len(jacobian)
-    columns = jacobian.reshape(count, -1)
-    freedom = max(axes * int(seen.sum()) - count - constants, 1)
-    variance = float((residual**2).sum() / freedom)
-    normal = columns @ columns.T
-    scale = np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
-    scaled = normal / np.outer(scale, scale)
-    eigenvalues, vectors = np.linalg.eigh(scaled)
-    singular = bool(eigenvalues[0] < 1e-10 or np.diag(normal).min() <= 1e-20 * np.diag(normal).max())
+    blocks = [
+        (each, each.extended(residual[each.take], True), each.extended(jacobian[each.take], False)) for each in channels
+    ]
+    size = len(jacobian[0])
+    if partial is None:
+        slim = blocks if size <= MOST_COLUMNS else [(each, r, j[..., :0]) for each, r, j in blocks]
+        partial = () if correlation == "white" else estimated(slim)
+    normal, middle, squares, freedom = np.zeros((size, size)), np.zeros((size, size)), 0.0, 0.0 - size - constants
+    for each, r, j in blocks:
+        if correlation == "ar":
+            white, _, levels = levelled(partial, each, np.concatenate([r, j], axis=-1))
+            flat = white[..., 1:].reshape(-1, size)
+            normal += flat.T @ flat
+            middle += flat.T @ flat
+            squares += float((white[..., 0] ** 2).sum())
+            freedom += white[..., 0].size - levels
+        else:
+            levels = levelled((), each, r)[2]
+            own, between = _sandwich(each, j, partial)
+            normal += own
+            middle += between
+            squares += float((levelled(partial, each, r)[0] ** 2).sum())
+            freedom += r.size - levels
+    variance = 1.0 if known else squares / max(freedom, 1.0)
+    precision = normal / variance + (0.0 if prior is None else prior)
+    inverse, singular, weakest = _inverted(precision)
+    between = middle / variance + (0.0 if prior is None else prior)
+    inflation = integrated(partial)
+    return Uncertainty(
+        inverse @ between @ inverse,
+        float(np.sqrt(variance)),
+        inflation,
+        singular,
+        partial,
+        np.inf if known else max(freedom / (1.0 if correlation == "ar" else inflation), 1.0),
+        weakest,
+    )
+
+
+def _sandwich(channels: Channels, columns: np.ndarray, partial: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
+    """J'J and J'VJ (P, P) of least squares of columns (n + k, c, P), the error of the origin among V."""
+    still = len(channels.still)
+    j = columns[still:]
+    normal = np.einsum("kcp,kcq->pq", j, j)
+    v = correlation_matrix(partial, channels.when)
+    own = v[still:, still:]
+    rows = channels.when <= 0
+    if channels.pinned and rows.any():
+        # the median of n correlated normal numbers: its variance, and its covariance with each of them (Bahadur 1966)
+        shared = v[rows, still:].mean(axis=0)
+        own = own + np.arcsin(np.clip(v[np.ix_(rows, rows)], -1, 1)).mean() - shared[:, None] - shared[None, :]
+    return normal, np.einsum("kcp,kl,lcq->pq", j, own, j, optimize=True)
+
+
+def _inverted(precision: np.ndarray) -> tuple[np.ndarray, bool, np.ndarray]:
+    """The inverse, whether it is singular, and the direction that is known worst."""
+    diagonal = np.diag(precision)
+    scale = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
+    eigenvalues, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
+    singular = bool(eigenvalues[0] < 1e-10 or diagonal.min() <= 1e-20 * diagonal.max())
     inverse = (vectors / np.maximum(eigenvalues, 1e-12)) @ vectors.T / np.outer(scale, scale)
-    share = np.zeros(residual.shape[1])
-    if still_rows is not None:
-        share = 0.5 * np.pi / np.maximum(still_rows, 1)  # variance of a median
-    inflation = autocorrelation_time(residual, seen, float(share.mean()))
-    shared = jacobian.sum(axis=1)  # (P, M, 3): one error of the origin moves all samples of a marker alike
-    middle = inflation * normal + np.einsum("pmi,qmi,m->pq", shared, shared, share)
-    return Uncertainty(variance * inverse @ middle @ inverse, float(np.sqrt(variance)), inflation, singular)
+    return inverse, singular, vectors[:, 0] / scale
 
 
-def autocorrelation_time(residual: np.ndarray, seen: np.ndarray, share: float = 0.0) -> float:
-    """1 + 2 sum of the autocorrelations of residuals (T, M, 3) over time, up to the first near zero; >= 1.
-
-    `share`: variance of an error common to all samples of a marker, relative to one sample's; accounted for elsewhere.
-    """
-    squares, pairs = float((residual**2).sum()), float(seen.sum())
-    if squares == 0:
-        return 1.0
-    total = 1.0
-    for lag in range(1, len(residual) // 2):
-        both = float((seen[lag:] & seen[:-lag]).sum())
-        if both == 0:
-            break
-        correlation = (residual[lag:] * residual[:-lag]).sum() / both / (squares / pairs) - share / (1 + share)
-        if correlation < 0.05:
-            break
-        total += 2 * correlation
-    return float(total)
+def autocorrelation(residual: np.ndarray, seen: np.ndarray, count: int) -> np.ndarray:
+    """Autocorrelations (count,) of residuals (T, M, 3) over time, from lag 0; 0 where nothing was seen so far apart."""
+    known = np.where(seen[..., None], residual, 0.0)
+    square = (known**2).sum() / max(seen.sum(), 1)
+    found = np.zeros(min(count, len(known)))
+    for lag in range(len(found)):
+        both = (seen[lag:] & seen[: len(seen) - lag]).sum()
+        if both and square > 0:
+            found[lag] = (known[lag:] * known[: len(known) - lag]).sum() / both / square
+    return found
 
 
 def ringing_frequency(times: np.ndarray, positions: np.ndarray) -> float:

@@ -20,6 +20,11 @@ DELAY = Constant(
 """The fit's own unknown: the release behind its row. Its usual bounds are in sample spacings."""
 
 
+def is_delay(constant: Constant) -> bool:
+    """Whether it is the release behind its row, of one take or another."""
+    return constant.label == DELAY.label and constant.transform == DELAY.transform
+
+
 def usual_names(constants: Iterable[Constant]) -> tuple[str, ...]:
     """What a fit finds where a user names nothing, of a scene's constants: all but the density, which is weighed."""
     return tuple(each.name for each in constants if each.name != DENSITY.name)
@@ -125,7 +130,7 @@ def unknowns(constants: Sequence[Constant], start: Mapping[str, float], bounds: 
 
 def _usual_bounds(constant: Constant, start: float, spacing: float) -> tuple[float, float]:
     low, high = constant.bounds
-    scale = spacing if constant is DELAY else 1.0 if constant.absolute else start
+    scale = spacing if is_delay(constant) else 1.0 if constant.absolute else start
     return scale * low, scale * high
 
 

@@ -4,14 +4,21 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
+from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
+from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recovery import CHECKS
 from jaxfem.fitting.unknowns import known_constants, usual_names
 from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
-TOP_KEYS = ("scene", "recording", "markers", "fit", "output")
-FIT_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "bounds", "starts")
+TOP_KEYS = ("scene", "recording", "take", "markers", "fit", "output")
+PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own")
+TABLES = ("noise", "priors", "bounds", "starts")
+FIT_KEYS = (*PLAIN_KEYS, *TABLES)
+NOISE_KEYS = ("correlation", "loss", "groups", "known")
+TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
 
@@ -20,7 +27,8 @@ OUTPUT_KEYS = ("folder",)
 class FitFile:
     """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line) and how it is
     read (`reading`: unit, rate, camera), `places` of the
-    markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit`, `folder`."""
+    markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit_takes`,
+    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any."""
 
     scene: SceneFile
     recording: Path | None
@@ -28,8 +36,22 @@ class FitFile:
     places: dict[str, tuple[float, float, float]]
     substeps: int | None
     settings: dict[str, Any]
+    cutting: dict[str, Any]
     folder: Path
     source: Path
+    takes: tuple["TakeEntry", ...] = ()
+
+
+@dataclasses.dataclass(frozen=True)
+class TakeEntry:
+    """One [[take]]: its `name`, `scene`, `recording` and how that is read, whether it is `held_out`, `cutting`."""
+
+    name: str
+    scene: SceneFile
+    recording: Path
+    reading: dict[str, Any]
+    held_out: bool
+    cutting: dict[str, Any]
 
 
 def load_fit(path: Any) -> FitFile:
@@ -37,8 +59,10 @@ def load_fit(path: Any) -> FitFile:
 
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
     NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
-    compare, release, end, substeps, sigma, checks, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
-    [output] folder. FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
+    compare, release, end, substeps, sigma, checks, own, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME
+    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
+    instead of `recording` several [[take]] tables: name, recording, scene, held_out, release, end; [output] folder.
+    FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
     """
     source = Path(path)
     values = read_toml(source)
@@ -53,7 +77,9 @@ def load_fit(path: Any) -> FitFile:
         raise SceneFileError(f"{source}: {problem}") from problem
     scene = load_scene(scene_path)
     try:
-        settings = _settings(table, scene)
+        settings, cutting = _settings(table, scene), _cutting(table)
+        takes = _takes(top, source.parent, scene, cutting)
+        settings["held_out"] = tuple(each.name for each in takes if each.held_out)
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
     return FitFile(
@@ -63,6 +89,8 @@ def load_fit(path: Any) -> FitFile:
         places=places,
         substeps=substeps,
         settings=settings,
+        cutting=cutting,
+        takes=takes,
         folder=source.parent / output.text("folder", f"{source.stem}_fit"),
         source=source,
     )
@@ -92,17 +120,79 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
     parameters = _parameters(table, scene)
     settings: dict[str, Any] = {
         "parameters": parameters,
-        "frame": table.choice("frame", FRAMES, "none"),
-        "compare": table.choice("compare", COMPARISONS, "displacement"),
-        "release": _time(table, "release", "auto", "auto"),
-        "end": _time(table, "end", None, "settled"),
-        "sigma": table.number("sigma", None, unit="m", positive=True),
+        "noise": _noise(table),
+        "priors": _priors(table.table("priors", parameters, "[fit.priors]")),
+        "own": table.get("own", ["delay"]),
         "checks": table.choice("checks", CHECKS, "refuse"),
     }
     bounds = table.table("bounds", parameters, "[fit.bounds]")
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
     settings["starts"] = _starts(table.table("starts", parameters, "[fit.starts]"))
     return settings
+
+
+def _cutting(table: Table) -> dict[str, Any]:
+    """How a recording is cut and compared."""
+    return {
+        "frame": table.choice("frame", FRAMES, "none"),
+        "compare": table.choice("compare", COMPARISONS, "displacement"),
+        "release": _time(table, "release", "auto", "auto"),
+        "end": _time(table, "end", None, "settled"),
+    }
+
+
+def _noise(table: Table) -> Noise:
+    sigma = table.number("sigma", None, unit="m", positive=True)
+    own = table.table("noise", NOISE_KEYS, "[fit.noise]")
+    try:
+        return Noise(
+            sigma=sigma,
+            known=own.flag("known", False),
+            groups=own.get("groups", "all"),
+            correlation=own.choice("correlation", CORRELATIONS, "effective"),
+            loss=own.choice("loss", tuple(LOSSES), "square"),
+        )
+    except FitError as problem:
+        raise SceneFileError(f"[fit.noise]: {problem}") from problem
+
+
+def _priors(table: Table) -> dict[str, Any]:
+    found: dict[str, Any] = {}
+    for name in table.values:
+        own = table.table(name, ("mean", "deviation", "median", "factor"), f"[fit.priors] {name}")
+        try:
+            if "median" in own:
+                found[name] = LogNormal(own.number("median"), own.number("factor"))
+            else:
+                found[name] = Gaussian(own.number("mean"), own.number("deviation"))
+        except FitError as problem:
+            raise SceneFileError(f"[fit.priors] {name}: {problem}") from problem
+    return found
+
+
+def _takes(top: Table, folder: Path, scene: SceneFile, cutting: dict[str, Any]) -> tuple[TakeEntry, ...]:
+    """The [[take]] tables; none where there is one recording."""
+    found = []
+    for number, values in enumerate(top.tables("take", "take")):
+        table = Table(values, f"[[take]] {number + 1}", TAKE_KEYS)
+        path, reading = _recording(table)
+        if path is None:
+            raise SceneFileError(f'[[take]] {number + 1} names no recording: add recording = "FILE.csv"')
+        own = table.text("scene", None)
+        changed = {key: value for key, value in _cutting(table).items() if key in table}
+        found.append(
+            TakeEntry(
+                name=table.text("name", Path(path).stem),
+                scene=scene if own is None else load_scene(folder / own),
+                recording=folder / path,
+                reading=reading,
+                held_out=table.flag("held_out", False),
+                cutting={**cutting, **changed},
+            )
+        )
+    if found and "recording" in top:
+        raise SceneFileError("recording is given beside [[take]] tables: leave it out, or make it a take")
+    return tuple(found)
 
 
 def _parameters(table: Table, scene: SceneFile) -> tuple[str, ...]:

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.fitting.recovery import FitResult
+from jaxfem.fitting.result import FitResult
 from jaxfem.io.plots import COLOURS, _figure, _save
 
 BACKED = {"facecolor": "white", "edgecolor": "none", "alpha": 0.8, "pad": 1.0}

@@ -36,7 +36,7 @@ def write_page(
         raise ValueError("there is no frame to show")
     every = 1
     while True:
-        text = _page(list(frames[::every]), title, tables or {})
+        text = page_text(list(frames[::every]), title, tables or {})
         if len(text) <= most or every >= len(frames):
             break
         every = max(every + 1, int(np.ceil(every * len(text) / most)))
@@ -54,7 +54,8 @@ def read_table(path: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     return values[:, 0], dict(zip(head[1:], values[:, 1:].T, strict=True))
 
 
-def _page(frames: list[Frame], title: str, tables: Mapping[str, Any]) -> str:
+def page_text(frames: list[Frame], title: str, tables: Mapping[str, Any]) -> str:
+    """The page that plays frames, as text."""
     parts = shown_parts(frames)
     low, span = _box(parts)
     colourings = _colourings(parts)

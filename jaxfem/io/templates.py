@@ -1,4 +1,4 @@
-"""Commented scene and fit files that hold every key there is: made from the declarations, so that none is left out.
+"""A commented scene file that holds every key there is: made from the declarations, so that none is left out.
 
 What kinds take (materials, loads, joints, shapes, schemes), their classes say; keys of the files themselves are
 explained here, and one without an explanation is a KeyError that the tests meet first.
@@ -14,7 +14,7 @@ from jaxfem.declared.loads import LOADS
 from jaxfem.elements.mass import MASSES
 from jaxfem.elements.smoothing import STRAINS
 from jaxfem.inputs import Input, Nested, Nodes, Number, Text, Vector, inputs_of
-from jaxfem.io import fit_files, scene_bodies, scene_coupling, scene_files
+from jaxfem.io import scene_bodies, scene_coupling, scene_files
 from jaxfem.io.fields import FIELDS
 from jaxfem.materials.base import LAWS
 from jaxfem.materials.linear import Linear
@@ -77,22 +77,6 @@ MOTION: dict[str, Line] = {
     "center": ("[0.0, 0.0, 0.0]", "m, that it turns about"),
 }
 NUMBERS = {"young": "2e5", "poisson": "0.3", "damping": "0.002", "yield_strain": "0.01", "creep": "1.0"}
-FIT: dict[str, Line] = {
-    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
-    "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
-    "compare": ('"displacement"', 'since the release; or "position"'),
-    "release": ('"auto"', "found: the body is still at first; or a time in s"),
-    "end": ('"settled"', "or a time in s; to the end of the recording without it"),
-    "substeps": ("2", "time steps a sample; the scene's step without it"),
-    "sigma": ("1e-4", "m, noise of the recording; found without it"),
-    "checks": ('"refuse"', 'what cannot be right; or "warn"'),
-}
-RECORDING: dict[str, Line] = {
-    "file": ('"recording.csv"', ""),
-    "unit": ('"m"', "where the file does not say"),
-    "rate": ("100.0", "1/s, where it counts frames"),
-    "camera": ("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4, where it holds pixels"),
-}
 
 
 def scene_template() -> str:
@@ -105,12 +89,12 @@ def scene_template() -> str:
         "# A scene with every key that `jaxfem simulate` reads; what is in comments may be left out.",
         "# Units are SI: m, s, kg, N, Pa.",
         "",
-        _line("gravity", "[0.0, 0.0, -9.81]", "m/s^2"),
-        *_table("[time]", scene_files.TIME_KEYS, time, ("step", "duration", "save_every")),
+        line("gravity", "[0.0, 0.0, -9.81]", "m/s^2"),
+        *table("[time]", scene_files.TIME_KEYS, time, ("step", "duration", "save_every")),
         *_scheme_numbers(),
-        *_table("[solver]", scene_files.SOLVER_KEYS, solver, ("method",)),
+        *table("[solver]", scene_files.SOLVER_KEYS, solver, ("method",)),
         *_method_settings(),
-        *_table("[output]", scene_files.OUTPUT_KEYS, output, ("folder", "points")),
+        *table("[output]", scene_files.OUTPUT_KEYS, output, ("folder", "points")),
         *_soft_body(),
         *_rigid_body(),
         *_contact(),
@@ -119,43 +103,18 @@ def scene_template() -> str:
     return "\n".join(parts) + "\n"
 
 
-def fit_template(scene: str = "scene.toml") -> str:
-    """A fit of that scene, with all other keys in comments."""
-    recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
-    explained = [f"#   {key}: {RECORDING[key][1]}" for key in fit_files.RECORDING_KEYS if RECORDING[key][1]]
-    keys = [key for key in fit_files.FIT_KEYS if key not in ("bounds", "starts")]
-    parts = [
-        "# A fit with every key that `jaxfem fit` reads; what is in comments may be left out.",
-        "",
-        _line("scene", f'"{scene}"', "the body, its supports, and where the search starts"),
-        _line("recording", '"recording.csv"', "times, and the places of markers; most formats are known"),
-        _line(f"# recording = {{ {', '.join(recording)} }}", None, "instead of recording"),
-        *explained,
-        "",
-        "[markers]                       # where each sits on the undeformed body, m",
-        "tip = [0.2, 0.05, 0.2]",
-        "side = [0.1, 0.1, 0.15]",
-        *_table("[fit]", keys, FIT, ("parameters",)),
-        "# [fit.bounds]",
-        "# young = [1e3, 1e7]",
-        "# [fit.starts]                  # each list one number a starting point",
-        "# young = [1e5, 1e6]",
-        "# damping = [1e-3, 1e-2]",
-        *_table("[output]", fit_files.OUTPUT_KEYS, {"folder": ('"fitted"', "beside this file")}, ("folder",)),
-    ]
-    return "\n".join(parts) + "\n"
-
-
-def _line(key: str, value: str | None, comment: str) -> str:
+def line(key: str, value: str | None, comment: str) -> str:
+    """A key with its value (None: `key` is the whole line) and a comment, in columns."""
     text = key if value is None else f"{key} = {value}"
     return f"{text:<31} # {comment}" if comment else text
 
 
-def _table(heading: str, keys: Sequence[str], known: Mapping[str, Line], active: Sequence[str]) -> Iterator[str]:
+def table(heading: str, keys: Sequence[str], known: Mapping[str, Line], active: Sequence[str]) -> Iterator[str]:
+    """Lines of a table with all `keys` as they are `known`; those that are not `active` in comments."""
     yield from ("", heading)
     for key in keys:
         value, comment = known[key]
-        yield _line(f"{'' if key in active else '# '}{key}", value, comment)
+        yield line(f"{'' if key in active else '# '}{key}", value, comment)
 
 
 def _scheme_numbers() -> Iterator[str]:
@@ -176,14 +135,14 @@ def _soft_body() -> Iterator[str]:
     yield from ("", "[[body]]                        # a soft body; as many as wanted")
     for key in scene_bodies.BODY_KEYS:
         if key == "mesh":
-            yield _line("mesh", *MESHES["box"])
-            yield from (_line("# mesh", *MESHES[kind]) for kind in scene_bodies.MESH_KEYS if kind != "box")
+            yield line("mesh", *MESHES["box"])
+            yield from (line("# mesh", *MESHES[kind]) for kind in scene_bodies.MESH_KEYS if kind != "box")
         elif key == "material":
-            yield _line(f"# {key}", *BODY[key])
-            yield from (_line(each.name, NUMBERS[each.name], each.unit) for each in Linear.constants)
+            yield line(f"# {key}", *BODY[key])
+            yield from (line(each.name, NUMBERS[each.name], each.unit) for each in Linear.constants)
             yield from _other_laws()
         elif key not in ("driven", "load"):
-            yield _line(key if key in ("name", "density", "fixed") else f"# {key}", *BODY[key])
+            yield line(key if key in ("name", "density", "fixed") else f"# {key}", *BODY[key])
     yield from _blocks()
 
 
@@ -208,9 +167,9 @@ def _blocks() -> Iterator[str]:
         kind = LOADS[word].made
         value = "100.0" if kind.scalar else "[0.0, 0.0, -0.1]"
         yield from ("", "# [[body.load]]", f'# kind = "{word}"', f"# {kind.place} = {places[kind.place]}")
-        yield _line("# value", value, kind.unit)
+        yield line("# value", value, kind.unit)
     yield from ("", "# [[body.driven]]               # nodes that follow a prescribed motion", '# nodes = "x-"')
-    yield from (_line(f"# {key}", *MOTION[key]) for key in scene_bodies.MOTION_KEYS)
+    yield from (line(f"# {key}", *MOTION[key]) for key in scene_bodies.MOTION_KEYS)
 
 
 def _rigid_body() -> Iterator[str]:
@@ -233,7 +192,7 @@ def _rigid_body() -> Iterator[str]:
     }
     for key in scene_coupling.RIGID_KEYS:
         if key != "shape":
-            yield _line(key if key in ("name", "mass", "position") else f"# {key}", *known[key])
+            yield line(key if key in ("name", "mass", "position") else f"# {key}", *known[key])
     assert set(inputs_of(RigidBody)) <= set(known)
 
 
@@ -265,7 +224,7 @@ def _fields(made: type, values: Mapping[str, str], left: Sequence[str], every: s
         deep = isinstance(each, Nodes) or (isinstance(each, Input) and type(each).__name__ == "Vertices")
         note = "of a soft a" if deep else getattr(each, "unit", "")
         value = _nested(each) if isinstance(each, Nested) else values.get(name, each.example)
-        yield _line(f"{every}{'of soft bodies: ' if deep else ''}{name}", value, note)
+        yield line(f"{every}{'of soft bodies: ' if deep else ''}{name}", value, note)
 
 
 def _nested(given: Nested) -> str:

@@ -14,6 +14,7 @@ from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
+from jaxfem.solvers.differentiation import recomputed
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
 from jaxfem.system.holding import held, unmet
 from jaxfem.system.momentum import kept, turning_status, turns_ahead
@@ -104,7 +105,7 @@ def with_fresh_pull(
             info = info.replace(iterations=info.iterations + last.solved.info.iterations)
             return found.replace(solved=found.solved.replace(info=info))
 
-        found: Ended = cond_any(due, again, lambda _, last: last, pull, last)
+        found: Ended = cond_any(due, recomputed(again), lambda _, last: last, pull, last)
         assert found.solved.impulses is not None
         fresh = found.solved.impulses
         return (fresh, found, due & pull_grew(model, middle, pull, fresh, dt, configuration(state))), None

@@ -9,7 +9,6 @@ time, of second order. A solution exists at any spin (Brouwer), and Newton's met
 step. Beyond, the midpoint's prediction is turned onto the surface of constant energy, along its gradient.
 """
 
-import dataclasses
 from typing import Any
 
 import jax
@@ -17,7 +16,7 @@ import jax.numpy as jnp
 
 from jaxfem.batching import cond_any
 from jaxfem.pytrees import Pytree
-from jaxfem.solvers.implicit import implicit_solution
+from jaxfem.solvers.differentiation import solved
 from jaxfem.tensors import cross_matrix, determinant, matrix_of, product, times, transposed
 
 Array = jax.Array
@@ -48,7 +47,7 @@ def mean_spin(inertia: Array, rotations: Array, spin: Array, dt: Array) -> Array
     own = times(transposed(turn), spin.T)
     inputs = _Turn(tensor, inverse, own, dt)
     guess = _predicted(inputs)
-    found, good = implicit_solution(_Midpoint(), inputs, jnp.stack(guess))
+    found, good = solved(_solve, _tangent, inputs, jax.lax.stop_gradient(jnp.stack(guess)))
     psi = [jnp.where(good, one, other) for one, other in zip(found, guess, strict=True)]
     return jnp.stack(times(turn, _on_energy(inputs, psi))).T / dt
 
@@ -75,47 +74,39 @@ def _predicted(inputs: _Turn) -> Vector:
     return [inputs.dt * each for each in _plus(spin, _turned(half, spin))]
 
 
-@dataclasses.dataclass(frozen=True)
-class _Midpoint:
-    """The condition of the head of this file, on psi (3, b)."""
+def _solve(inputs: _Turn, guess: Array) -> tuple[Array, Array]:
+    """psi (3, b) by Newton's method, its matrix kept while it serves; and which bodies (b,) have arrived.
 
-    symmetric: bool = False
+    What a trip or a branch makes is handed on in components and before it is used: stacked or with many readers it
+    would be computed anew for each of them, ten times as dear.
+    """
+    least = ROUNDING * jnp.finfo(guess.dtype).eps * jnp.sqrt(jnp.sum(guess**2, 0))
 
-    def gradient(self, inputs: _Turn, unknown: Array) -> Array:
-        return jnp.stack(_residual(inputs, list(unknown)))
+    def trip(carry: Any) -> Any:
+        psi, matrix, _, last, trips = carry
+        residual = _residual(inputs, psi)
+        far = _root(_dot(residual, residual))
+        good = far <= least
+        most = jnp.max(jnp.where(good, 0, far / least))
+        fresh = (most > KEEPING * last) | (trips == 0) & (most > 0)
+        matrix = cond_any(fresh, lambda: _inverse(_derivative(inputs, psi)), lambda: matrix)
+        moved = [jnp.where(good, p, p - s) for p, s in zip(psi, times(matrix, residual), strict=True)]
+        return moved, matrix, good, most, trips + 1
 
-    def solve(self, inputs: _Turn, guess: Array) -> tuple[Array, Array]:
-        """Newton's method, its matrix kept while it serves; and which bodies (b,) have arrived.
+    def running(carry: Any) -> Array:
+        more: Array = ~jnp.all(carry[2]) & (carry[4] <= TRIPS)
+        return more
 
-        What a trip or a branch makes is handed on in components and before it is used: stacked or with many readers it
-        would be computed anew for each of them, ten times as dear.
-        """
-        least = ROUNDING * jnp.finfo(guess.dtype).eps * jnp.sqrt(jnp.sum(guess**2, 0))
+    zero, none = jnp.zeros_like(guess[0]), jnp.zeros(guess.shape[1:], bool)
+    start = (list(guess), [[zero] * 3] * 3, none, jnp.full((), jnp.inf, guess.dtype), jnp.int32(0))
+    psi, _, good, _, _ = jax.lax.while_loop(running, trip, start)
+    return jnp.stack(psi), good
 
-        def trip(carry: Any) -> Any:
-            psi, matrix, _, last, trips = carry
-            residual = _residual(inputs, psi)
-            far = _root(_dot(residual, residual))
-            good = far <= least
-            most = jnp.max(jnp.where(good, 0, far / least))
-            fresh = (most > KEEPING * last) | (trips == 0) & (most > 0)
-            matrix = cond_any(fresh, lambda: _inverse(_derivative(inputs, psi)), lambda: matrix)
-            moved = [jnp.where(good, p, p - s) for p, s in zip(psi, times(matrix, residual), strict=True)]
-            return moved, matrix, good, most, trips + 1
 
-        def running(carry: Any) -> Array:
-            more: Array = ~jnp.all(carry[2]) & (carry[4] <= TRIPS)
-            return more
-
-        zero, none = jnp.zeros_like(guess[0]), jnp.zeros(guess.shape[1:], bool)
-        start = (list(guess), [[zero] * 3] * 3, none, jnp.full((), jnp.inf, guess.dtype), jnp.int32(0))
-        psi, _, good, _, _ = jax.lax.while_loop(running, trip, start)
-        return jnp.stack(psi), good
-
-    def tangent_solve(self, inputs: _Turn, unknown: Array, right: Array, matvec: Any) -> Array:
-        """A 3x3 matrix a body: that of the products with the axes, as they are given."""
-        columns = [matvec(jnp.zeros_like(right).at[i].set(1)) for i in range(3)]
-        return jnp.stack(times(_inverse([[columns[j][i] for j in range(3)] for i in range(3)]), list(right)))
+def _tangent(psi: Array, good: Array, arguments: tuple[_Turn, Array], pushed: Any) -> Array:
+    """How psi follows the condition: residual(inputs, psi) = 0, and its derivative in psi is `_derivative`."""
+    right = pushed(lambda inputs, guess: jnp.stack(_residual(inputs, list(psi))))
+    return -jnp.stack(times(_inverse(_derivative(arguments[0], list(psi))), list(right)))
 
 
 def _residual(inputs: _Turn, psi: Vector) -> Vector:
@@ -155,9 +146,7 @@ def _put_on_energy(inputs: _Turn, psi: Vector, change: Vector, noise: Array) -> 
     start = inputs.momentum
     some = _dot(start, start) > 0
     square = jnp.where(some, _dot(start, start), 1)
-    moved = change
-    for _ in range(PASSES):
-        moved = _nearer(inputs, moved, square, noise)
+    moved, _ = jax.lax.scan(lambda at, _: (_nearer(inputs, at, square, noise), None), change, None, length=PASSES)
     # Where that has not arrived, in turns of several radians, the momentum stays where it is in the body.
     arrived = jnp.abs(_excess(inputs, moved)) <= 10 * noise * _dot(start, inputs.spin)
     moved = [jnp.where(arrived, each, 0) for each in moved]
@@ -254,9 +243,9 @@ def _half_versine(square: Array) -> Array:
 
 
 def _third(square: Array) -> Array:
-    """(a - sin a) / a^3 of a^2; to a few digits where it is small, for a derivative."""
+    """(a - sin a) / a^3 of a^2; to ten digits where it is small, for a derivative."""
     small = square < SMALL
-    return jnp.where(small, 1 / 6 - square / 120, (1 - _sine(square)) / jnp.where(small, 1, square))
+    return jnp.where(small, 1 / 6 - square / 120 * (1 - square / 42), (1 - _sine(square)) / jnp.where(small, 1, square))
 
 
 def _inverse(a: Matrix) -> Matrix:

@@ -85,6 +85,11 @@ class Candidates(Pytree):
         """Whether they cannot share a group with those of another contact."""
         return False
 
+    @property
+    def give(self) -> float:
+        """Least compliance of their rows, as a share of what a unit impulse moves their nodes by; 0: the solver's."""
+        return 0.0
+
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""
         raise NotImplementedError
@@ -211,23 +216,6 @@ class SurfaceContacts(Candidates):
         other = SoftPoint(chosen, weights).placed(at)
         gap, normal = gap_from(placed.position, other.position, normal, at.nodes[chosen])
         return Pairs(gap, normal, difference(other, placed))
-
-
-class PatchContacts(SurfaceContacts):
-    """Nodes of a patch of a soft body's surface against another patch of it, `deep` (m,) [m] behind which they are
-    elsewhere: on the far side of what the patch bounds."""
-
-    deep: Any = dataclasses.field(default=None, kw_only=True)
-
-    @property
-    def kind(self) -> str:
-        """Words for the kinds of partners."""
-        return f"patches {super().kind}"
-
-    def pairs(self, at: Configuration) -> Pairs:
-        """As for two bodies."""
-        pairs = super().pairs(at)
-        return pairs.replace(gap=jnp.where(pairs.gap < -self.deep, jnp.abs(pairs.gap) + 2 * self.margin, pairs.gap))
 
 
 def contact_rows(

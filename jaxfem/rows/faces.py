@@ -29,6 +29,7 @@ EVEN = 1e-5  # of the triangle's size: what decides where it lies flat, for its 
 NUDGE = 1e-3  # longest step of Newton's, in weights
 CURVED = 1e-3  # of the triangle's size over the radius of curvature: below that nothing tells where it touches
 CORNER = 1e-3  # weight of the two others up to which the nodes have it
+LEVEL = 1e-5  # of the triangle's size: depth below what its corners say from which on it has a row
 FAR = 1e3  # gap of what takes no part, in sizes of the triangle
 
 
@@ -59,7 +60,11 @@ class FaceContacts(Candidates):
         return True
 
     def pairs(self, at: Configuration) -> Pairs:
-        """Those of the deepest points; a triangle that is deepest at a corner takes no part, for its nodes do."""
+        """Those of the deepest points; what a triangle's corners say, their own rows do, and it takes no part.
+
+        So it is where it is deepest at a corner, and where it lies flat along the shape: rows said twice leave impulses
+        open, and with friction they ask for slips that differ in their last digits, which takes thousands of rounds.
+        """
         if self.most:
             return self._nearest(at).replace(most=0).pairs(at)
         corners = self._seen(at)
@@ -75,8 +80,9 @@ class FaceContacts(Candidates):
             offset=self.offset,
         )
         pairs = contacts.pairs(at)
-        fixed, corners = jax.lax.stop_gradient((weights, corners))
-        return pairs.replace(gap=jnp.where(fixed.max(-1) < 1 - CORNER, pairs.gap, FAR * jax.vmap(_size)(corners)))
+        fixed = jax.lax.stop_gradient((self.shape, corners, weights))
+        own = jax.vmap(_tells_more, in_axes=(None if self.shared else 0, 0, 0))(*fixed)
+        return pairs.replace(gap=jnp.where(own, pairs.gap, FAR * jax.vmap(_size)(fixed[1])))
 
     def _nearest(self, at: Configuration) -> "FaceContacts":
         """The `most` triangles that may be nearest, in their order: no distance changes faster than its place."""
@@ -104,6 +110,13 @@ class FaceContacts(Candidates):
 
 def _size(corners: Array) -> Array:
     return jnp.sqrt(jnp.max(jnp.sum((corners - jnp.roll(corners, 1, 0)) ** 2, -1)))
+
+
+def _tells_more(shape: Any, corners: Array, weights: Array) -> Array:
+    """Whether the point of `weights` (3,) is deeper than the distances of the corners (3, 3) say there."""
+    spanned = weights @ jax.vmap(shape.distance)(corners)
+    deeper: Array = shape.distance(weights @ corners) < spanned - LEVEL * _size(corners)
+    return deeper & (jnp.max(weights) < 1 - CORNER)
 
 
 def _deepest(shape: Any, corners: Array) -> Array:

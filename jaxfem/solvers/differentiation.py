@@ -2,7 +2,7 @@
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, TypeVar
 
 import jax
 import numpy as np
@@ -11,12 +11,25 @@ from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
 Array = jax.Array
+F = TypeVar("F", bound=Callable[..., Any])
 Solve = Callable[..., tuple[Any, Any]]
 Pushed = Callable[[Callable[..., Any]], Any]
 Tangent = Callable[[Any, Any, Any, Pushed], Any]
 
 SOLUTION = "jaxfem_solution"
 """Name under which solutions are marked, so that checkpointing can keep them and recompute everything else."""
+
+
+def recomputed(function: F) -> F:
+    """`function`, of whose run reverse derivatives keep the solutions of `solved` alone, and compute the rest again.
+
+    Solutions are small and dear, all else is large and cheap. Kept, it would also pass through every scan and branch
+    around: a rollout's gradient has a third of the kernels so, and takes no longer. Forwards it is `function` itself.
+    """
+    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
+    again: Any = jax.checkpoint(function, policy=keep, prevent_cse=False)
+    same: F = again
+    return same
 
 
 def solved(solve: Solve, tangent: Tangent, *arguments: Any) -> tuple[Any, Any]:

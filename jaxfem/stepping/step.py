@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.model import Model, Params, State, StepInfo
-from jaxfem.solvers.implicit import SOLUTION
+from jaxfem.solvers.differentiation import recomputed
 from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
@@ -34,7 +34,7 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
     given = value_status(model, params, state, dt, forces)
     state = begun(model, params, state, forces)
-    following, info = model.method.step(model, params, state, dt, forces, _cache(model, params, state, dt))
+    following, info = model.method.step(model, params, state, dt, forces, cached(model, params, state, dt))
     return following, judged(info, following, given)
 
 
@@ -60,7 +60,8 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
     return model.method.prepare(model, params, begun(model, params, state, None), dt)
 
 
-def _cache(model: Model, params: Params, state: State, dt: Array) -> Any:
+def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
+    """What the method prepared, or prepares now."""
     return model.method.prepare(model, params, state, dt) if model.cache is None else model.cache
 
 
@@ -115,10 +116,10 @@ def _rollout(
     series = None if forces is None or forces.ndim != 3 else forces
     given = value_status(model, params, state, dt, forces if series is None else None)
     state = begun(model, params, state, forces if series is None else series[0])
-    cache = _cache(model, params, state, dt)  # made once for all steps
+    cache = cached(model, params, state, dt)  # made once for all steps
 
     taken = (model, params, dt, forces, cache, given)
-    one = _one(*taken) if tries is None else _one_that_ends(*taken, tries)
+    one = _one(*taken) if tries is None else one_that_ends(*taken, tries)
     carried = state if tries is None else (state, jnp.int32(0))
 
     def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
@@ -133,9 +134,7 @@ def _rollout(
     sliced = None if series is None else series.reshape(blocks, per_block, every, *series.shape[1:])
     if checkpoint is None:
         return block(carried, None if sliced is None else sliced[0])[1]
-    # Solutions are small and dear, all else is large and cheap: keep the first, recompute the second.
-    keep = jax.checkpoint_policies.save_only_these_names(SOLUTION)
-    _, saved = jax.lax.scan(jax.checkpoint(block, policy=keep), carried, sliced, length=blocks)
+    _, saved = jax.lax.scan(recomputed(block), carried, sliced, length=blocks)
     together: tuple[State, StepInfo]
     together = jax.tree.map(lambda leaf: leaf.reshape(blocks * per_block, *leaf.shape[2:]), saved)
     return together
@@ -148,10 +147,10 @@ def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: A
         following, info = model.method.step(model, params, carry, dt, forces if force is None else force, cache)
         return following, judged(info, following, _given(given, force))
 
-    return one
+    return recomputed(one)
 
 
-def _one_that_ends(
+def one_that_ends(
     model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array, tries: int
 ) -> Any:
     """A step as a scan's body, that is tried again in halves `tries` times; carries the status that ended the run."""
@@ -165,7 +164,7 @@ def _one_that_ends(
             return following, judged(info, following, own)
 
         info = jax.eval_shape(part, carry[0], 1.0)[1]
-        state, failed, told = persistent(part, tries, info)(*carry)
+        state, failed, told = persistent(recomputed(part), tries, info)(*carry)
         return (state, failed), told
 
     return one
@@ -181,3 +180,8 @@ def worst(infos: StepInfo) -> StepInfo:
     first = jnp.argmax(infos.status != 0)
     largest: StepInfo = jax.tree.map(lambda leaf: jnp.max(leaf, axis=0), infos)
     return largest.replace(status=infos.status[first])
+
+
+def joined(before: StepInfo, after: StepInfo) -> StepInfo:
+    """`worst` of two."""
+    return worst(jax.tree.map(lambda a, b: jnp.stack([a, b]), before, after))

@@ -79,8 +79,9 @@ def coupled_system(
         extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory or {}, dt)
     hardened, traces = OrderedDict[str, PointRows](), {}
     held = (_held_mass(model, params, inverse[0], dt), inverse[1])
+    gives = _gives(model)
     for name, rows in extra.items():
-        hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name))
+        hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name), gives.get(name, 0))
     system = system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
     return system.replace(trace={joint_name(label): traces[joint_name(label)] for label in model.joints})
 
@@ -112,6 +113,12 @@ def _extra_rows(
             friction[friction_name(label)] = Friction(values.friction, contact_name(label), group.cone)
             extra[friction_name(label)] = tangent
     return extra, friction, gaps
+
+
+def _gives(model: Model) -> dict[str, float]:
+    """Least share of compliance by group of rows, of those contacts that ask for one."""
+    asked = {label: group.give for label, group in model.contacts.items() if group.give > 0}
+    return {name(label): give for label, give in asked.items() for name in (contact_name, friction_name)}
 
 
 def _plain_stage(state: State, dt: Array) -> Stage:
@@ -238,16 +245,20 @@ def _held_mass(model: Model, params: Params, inverse: Array, dt: Array) -> Array
 
 
 def _hardened(
-    rows: PointRows, inverse: tuple[Array, Array | None], held: tuple[Array, Array | None], gaps: Gaps | None
+    rows: PointRows,
+    inverse: tuple[Array, Array | None],
+    held: tuple[Array, Array | None],
+    gaps: Gaps | None,
+    give: float,
 ) -> tuple[PointRows, Array]:
     """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer; and that trace.
 
     1e-9 (1e-6 in single precision) of what a unit impulse on a row moves it by, each node as the material around it
-    lets it (`held`): a gram of what is stiff may carry tonnes. Rows that move nothing get 1. Contacts that are deep may
-    pull as well, as much as it takes to stop what moves apart with `gaps.brake`: speed that they got from being moved
-    apart is no momentum.
+    lets it (`held`): a gram of what is stiff may carry tonnes; or the share `give`. Rows that move nothing get 1.
+    Contacts that are deep may pull as well, as much as it takes to stop what moves apart with `gaps.brake`: speed that
+    they got from being moved apart is no momentum.
     """
-    trace = TRACE[rows.bias.dtype.itemsize > 4]
+    trace = max(TRACE[rows.bias.dtype.itemsize > 4], give)
     diagonal = jax.lax.stop_gradient(rows.diagonal(*held))
     own = jnp.where(diagonal > 0, trace * diagonal, 1)
     rows = rows.replace(compliance=rows.compliance + own)

@@ -3,7 +3,11 @@
 import csv
 import json
 import pathlib
+import re
+import shutil
+import subprocess
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -12,8 +16,12 @@ from jaxfem.cli.main import main
 from jaxfem.fitting import Recording, attach, marker_positions, write_recording
 from jaxfem.io.examples import beam_scene
 from jaxfem.io.fit_files import load_fit
+from jaxfem.io.fit_json import SCHEMA
 from jaxfem.io.scene_files import load_scene
 
+BROWSER = next(
+    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
+)
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples"
 PLACES = {"tip": (0.1, 0.015, 0.036), "left": (0.1, -0.006, 0.024), "side": (0.05, 0.036, 0.015)}
 FIT = """
@@ -51,15 +59,23 @@ def folder(tmp_path_factory):
 def test_files_in_values_tables_and_plots_out(folder, capsys):
     assert main(["fit", str(folder / "fit.toml")]) == 0
     told = capsys.readouterr()
-    assert "young" in told.out and "wrote fitted.json" in told.out and told.err == ""
+    assert "young" in told.out and "wrote fitted.json, report.html" in told.out
+    assert all(" simulation " in line for line in told.err.splitlines())  # piped: a line every ten seconds
     found = json.loads((folder / "out" / "fitted.json").read_text())
     assert found["values"] == pytest.approx({"young": 2e5, "damping": 3e-3}, rel=1e-4)
     assert found["units"] == {"young": "Pa", "damping": "s"} and found["status"] == "converged"
+    jsonschema.validate(found, SCHEMA)
+    assert found["takes"][0]["worst"]["marker"] in PLACES and found["intervals_95"]["young"][0] < 2e5 * 1.0001
     assert (folder / "out" / "summary.txt").read_text().count("+-") == 2
     with (folder / "out" / "residuals.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == 41 * 3 and rows[4]["marker"] == "left"
     assert max(abs(float(row["residual_z_m"])) for row in rows) < 1e-6
+    assert main(["fit", str(folder / "fit.toml")]) == 2 and "--force" in capsys.readouterr().err
+    page = (folder / "out" / "report.html").read_text()
+    for there in ("standard uncertainty", "markers scatter", "correlations", "autocorrelation of residuals", "sha256"):
+        assert there in page, there
+    assert not re.search(r"""(src|href)=["']?(http|//)""", page) and page.count("<svg") == 3 + 3 + 2
     for name in ("loss.png", "measured_against_simulated.png"):
         assert (folder / "out" / name).read_bytes().startswith(b"\x89PNG")
 
@@ -79,12 +95,19 @@ def test_files_in_values_tables_and_plots_out(folder, capsys):
         ('recording = "recording.csv"', 'recording = { file = "recording.csv", units = "mm" }', "did you mean 'unit'?"),
         ('recording = "recording.csv"', 'recording = { file = "gone.trc", unit = "mm" }', "gone.trc"),
         ("[output]", "[fit.starts]\nyoung = [1e5, 1e6]\ndamping = 1e-3\n[output]", "differ in length"),
+        ("[output]", '[fit.noise]\ncorrelation = "pink"\n[output]', "'correlation' in [fit.noise]"),
+        (
+            "[output]",
+            "[fit.priors]\nyoung = { median = 2e5, factor = 0.5 }\n[output]",
+            "give median > 0 and factor > 1",
+        ),
+        ("[output]", '[[take]]\nrecording = "recording.csv"\n[output]', "recording is given beside [[take]]"),
         ("[output]", "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]", "unknown key 'poisson' in [fit.bounds]"),
     ],
 )
 def test_mistakes_are_named(folder, capsys, old, new, message):
     (folder / "bad.toml").write_text(FIT.replace(old, new))
-    assert main(["fit", str(folder / "bad.toml")]) == 2
+    assert main(["fit", str(folder / "bad.toml"), "--force"]) == 2
     assert message in capsys.readouterr().err
 
 
@@ -100,7 +123,51 @@ def test_settings_are_read(folder):
     assert file.recording.name == "r.csv" and file.reading == {"unit": "mm", "rate": 100, "camera": None}
     assert file.settings["checks"] == "warn"
     assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
-    assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.settings["end"] == "settled"
+    assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.cutting["end"] == "settled"
+
+
+WATCHED = """<script>
+setInterval(() => {
+  const player = document.getElementById("animation").contentWindow.player;
+  if (!player) return;
+  const gl = player.gl, some = new Uint8Array(256), canvas = player.canvas;
+  gl.readPixels((canvas.width >> 1) - 4, (canvas.height >> 1) - 4, 8, 8, gl.RGBA, gl.UNSIGNED_BYTE, some);
+  const drawn = some.some((v) => v > 0), shapes = document.querySelectorAll("svg path").length;
+  Object.assign(document.body.dataset, { frames: player.times.length, drawn, shapes, parts: player.meshes.length });
+}, 50);
+</script></body></html>"""
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(BROWSER is None, reason="needs chromium or chrome")
+def test_a_browser_shows_the_report(folder, tmp_path):
+    """The page of the test before: plots and animation are there, and nothing is said on the console."""
+    if not (folder / "out" / "report.html").exists():
+        assert main(["fit", str(folder / "fit.toml"), "--no-plots", "--force"]) == 0
+    page = (folder / "out" / "report.html").read_text()
+    path = tmp_path / "report.html"
+    path.write_text(page.replace("</body></html>", WATCHED))
+    switches = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr"
+    words = [BROWSER, *switches.split(), "--virtual-time-budget=4000", "--dump-dom", path.as_uri()]
+    ran = subprocess.run(words, capture_output=True, text=True, timeout=120)
+    assert not [line for line in ran.stderr.splitlines() if "CONSOLE" in line], ran.stderr
+    body = re.search(r"<body[^>]*>", ran.stdout).group(0)
+    assert 'data-frames="41"' in body and 'data-drawn="true"' in body and 'data-parts="3"' in body, body
+    assert int(re.search(r'data-shapes="(\d+)"', body).group(1)) > 50, body
+
+
+def test_takes_noise_and_priors_are_read(folder):
+    text = FIT.replace('recording = "recording.csv"', "").replace(
+        "[output]",
+        '[fit.noise]\ncorrelation = "ar"\n[fit.priors]\nyoung = { median = 2e5, factor = 1.5 }\n[[take]]\n'
+        'recording = "recording.csv"\n[[take]]\nname = "other"\nrecording = "recording.csv"\nheld_out = true\n'
+        "release = 0.1\n[output]",
+    )
+    (folder / "takes.toml").write_text(text)
+    file = load_fit(folder / "takes.toml")
+    assert [take.name for take in file.takes] == ["recording", "other"] and file.settings["held_out"] == ("other",)
+    assert file.takes[0].cutting["release"] == 0.0 and file.takes[1].cutting["release"] == 0.1
+    assert file.settings["noise"].correlation == "ar" and file.settings["priors"]["young"].factor == 1.5
 
 
 @pytest.mark.slow

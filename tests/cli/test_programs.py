@@ -136,11 +136,11 @@ def test_a_second_run_compiles_nothing(tmp_path):
 
     def run(*options):
         done = subprocess.run([*command, *options], capture_output=True, text=True, env=environ, check=True)
-        return done.stderr.count("cache hit for 'jit__rollout'"), (tmp_path / "out" / "rigid.csv").read_text()
+        return done.stderr.count("cache hit for 'jit__frames'"), (tmp_path / "out" / "rigid.csv").read_text()
 
     hits, poses = run()
     kept = {path.name for path in (tmp_path / "kept").iterdir()}
-    assert hits == 0 and any(name.startswith("jit__rollout") for name in kept)
+    assert hits == 0 and any(name.startswith("jit__frames") for name in kept)
     assert run() == (1, poses)
     assert {path.name for path in (tmp_path / "kept").iterdir()} == kept
     assert run("--no-cache") == (0, poses)

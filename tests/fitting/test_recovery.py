@@ -7,7 +7,7 @@ import pytest
 import jaxfem as jf
 from jaxfem.fitting import FitError, Recording, Search, attach, marker_positions
 from jaxfem.fitting.objective import interpolated
-from jaxfem.fitting.statistics import autocorrelation_time, ringing_frequency
+from jaxfem.fitting.statistics import ringing_frequency
 
 TRUE = {"young": 2.6e5, "poisson": 0.4, "damping": 2e-3}
 DT, STEPS = 1e-2, 60
@@ -212,14 +212,3 @@ def test_the_ringing_frequency_is_found():
     t = np.arange(0, 1.5, 0.01)
     motion = (1 - np.exp(-3 * t) * np.cos(2 * np.pi * 7.7 * t))[:, None, None] * np.ones((1, 2, 3))
     assert ringing_frequency(t, motion) == pytest.approx(7.7, rel=0.03)
-
-
-def test_samples_that_tell_the_same_are_counted_once():
-    random = np.random.default_rng(0)
-    seen = np.ones((400, 4), bool)
-    white = random.normal(size=(400, 4, 3))
-    smooth = np.apply_along_axis(lambda a: np.convolve(a, np.ones(8), mode="same"), 0, white)
-    assert autocorrelation_time(white, seen) < 1.2
-    assert autocorrelation_time(smooth, seen) == pytest.approx(8, rel=0.3)  # a running mean of eight
-    common = white + np.sqrt(0.2) * random.normal(size=(4, 3))
-    assert autocorrelation_time(common, seen) > 10 > 5 > autocorrelation_time(common, seen, share=0.2)

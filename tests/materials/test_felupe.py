@@ -94,3 +94,42 @@ def test_shapes_at_rest_are_those_of_felupe(name):
             items = [solid, fem.PointLoad(field, np.arange(len(points)), share * forces)]
             field = fem.newtonraphson(items=items, dof0=dofs[0], dof1=dofs[1], ext0=ext0, tol=1e-12, verbose=0).x
         np.testing.assert_allclose(found, points + field[0].values, atol=1e-8 * 0.1, err_msg=case)
+
+
+def pushed(points, faces, pressure):
+    """Nodal forces of a pressure on the faces of this shape."""
+    a, b, c = (points[faces[:, i]] for i in range(3))
+    forces = np.zeros_like(points)
+    for corner in faces.T:
+        np.add.at(forces, corner, -pressure / 6 * np.cross(b - a, c - a))
+    return forces
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["neo_hookean", "yeoh"])
+def test_a_pressure_that_follows_bends_a_bar_as_felupe_does(name):
+    """FElupe has no faces of tetrahedra: it is given the forces of its own shape until that changes no more."""
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), (4, 1, 1))
+    points, cells = np.asarray(mesh.points), np.asarray(mesh.cells)
+    law, other = LAWS[name]
+    body = jf.SoftBody(mesh, material=law, density=1e3, fixed="x-", loads=[jf.Pressure("z+", 1500.0)])
+    model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)), tolerance=1e-12)
+    rest, info = jf.equilibrium(model, params, state)
+    assert int(info.status) == 0
+    faces = np.asarray(model.loads[0].faces)
+    field = fem.FieldContainer([fem.Field(fem.RegionTetra(fem.Mesh(points, cells, "tetra")), dim=3)])
+    solid = fem.SolidBody(other(), field)
+    boundary = {"held": fem.Boundary(field[0], fx=0.0)}
+    free = fem.dof.partition(field, boundary)
+    for _ in range(60):
+        before = points + field[0].values
+        load = fem.PointLoad(field, np.arange(len(points)), pushed(before, faces, 1500.0))
+        items = [solid, load]
+        field = fem.newtonraphson(items=items, dof0=free[0], dof1=free[1], tol=1e-12, verbose=0).x
+        change = np.abs(points + field[0].values - before).max()
+        if change < 1e-11:
+            break
+    assert change < 1e-11
+    found = points + field[0].values
+    assert np.abs(found - points).max() > 0.01
+    np.testing.assert_allclose(rest.positions, found, atol=1e-8 * 0.1)

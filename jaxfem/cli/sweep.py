@@ -1,0 +1,184 @@
+"""`jaxfem sweep`: thousands of variants of a scene file, by one process a core; a run that was killed goes on."""
+
+import argparse
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxfem.cli.messages import error, warning
+from jaxfem.cli.progress import Progress
+from jaxfem.io.plots import PlotError
+from jaxfem.io.sweep_files import SweepFile, load_sweep
+from jaxfem.io.sweep_plots import plot_pairs, plot_responses
+from jaxfem.sweeping.chunks import Sweep
+from jaxfem.sweeping.merging import Merged, merge
+from jaxfem.sweeping.result import columns
+from jaxfem.sweeping.shards import Manifest, missing, read_manifest, read_shard, shard_path, work, write_manifest
+
+EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
+ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
+LOOK = 0.2  # s between looks at what is there
+
+
+def add(subparsers: Any) -> None:
+    """Add the command to the parser."""
+    parser = subparsers.add_parser(
+        "sweep",
+        help="run thousands of variants of a scene",
+        description="Run variants of a scene. A run that was interrupted or killed goes on where it is called again.",
+    )
+    parser.add_argument("file", metavar="FILE.toml", help="the sweep: scene, values, outputs")
+    parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
+    parser.add_argument("--processes", type=int, metavar="N", help="how many, instead of [sweep] processes")
+    parser.add_argument("--force", action="store_true", help="replace the results of an earlier sweep")
+    parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
+    parser.add_argument(
+        "--worker", metavar="K/N", help="compute every N-th missing shard from the K-th on, and no more"
+    )
+    parser.add_argument("--begin", action="store_true", help="check the files, write the manifest, and no more")
+    parser.set_defaults(run=run)
+
+
+def run(args: argparse.Namespace) -> int:
+    """Run what is missing and merge it; 0 at the end, 3 when a process failed, 130 when interrupted."""
+    file = load_sweep(args.file)
+    if file.scene.precision == "float64":
+        jax.config.update("jax_enable_x64", True)
+    folder = Path(args.out) if args.out else file.folder
+    if args.worker:
+        return _worker(file, folder, args.worker)
+    made = prepared(file, file.engine, file.width)
+    manifest = Manifest(file.digest, made.count, made.width, made.engine.name, made.reason, file.seed)
+    write_manifest(folder, manifest, args.force)
+    if args.begin:
+        print(f"{manifest.count} variants in {manifest.shards} shards, {len(missing(folder, manifest))} missing")
+        return 0
+    todo, begun = len(missing(folder, manifest)), time.perf_counter()
+    processes = min(args.processes or file.processes or os.cpu_count() or 1, max(todo, 1))
+    try:
+        problem = _watched(args.file, folder, manifest, processes) if todo else ""
+    except KeyboardInterrupt:
+        error(f"interrupted with {manifest.shards - len(missing(folder, manifest))} of {manifest.shards} shards there")
+        return EXIT_INTERRUPTED
+    if problem:
+        error(problem)
+        return EXIT_FAILED
+    merged = merge(folder, manifest, file.variants, file.table, file.arrays)
+    merged.files.extend(_plots(file, folder, manifest) if file.plots and not args.no_plots else [])
+    print(_summary(file, manifest, merged, todo, time.perf_counter() - begun, processes, folder))
+    return 0
+
+
+def prepared(file: SweepFile, engine: str, width: int | None) -> Sweep:
+    """The sweep of a file."""
+    scene = file.scene
+    return Sweep(
+        *scene.build(),
+        file.variants,
+        dt=scene.dt,
+        steps=scene.steps,
+        every=scene.every if scene.steps % scene.every == 0 else 1,
+        halvings=scene.halvings,
+        outputs=file.outputs,
+        engine=engine,
+        width=width,
+        devices=jax.local_devices()[:1],
+    )
+
+
+def _worker(file: SweepFile, folder: Path, share: str) -> int:
+    """One process: its share of what is missing. It ends with the process that started it."""
+    first, _, among = share.partition("/")
+    manifest, parent = read_manifest(folder), os.getppid()
+    made = prepared(file, manifest.engine, manifest.width)
+    for _ in work(made, folder, manifest, missing(folder, manifest)[int(first) :: int(among)]):
+        if os.getppid() != parent:
+            return EXIT_INTERRUPTED
+    return 0
+
+
+def _watched(source: str, folder: Path, manifest: Manifest, processes: int) -> str:
+    """Start the processes and wait for them; what went wrong, in words, or nothing."""
+    environ = one_thread()
+    modules = [word for index, word in enumerate(sys.argv) if _imports(sys.argv, index)]
+    there = manifest.shards - len(missing(folder, manifest))
+    started = []
+    with Progress(manifest.shards, "shard", done=there) as bar:
+        try:
+            for number in range(processes):
+                words = [sys.executable, "-m", "jaxfem", *modules, "sweep", source, "--out", str(folder)]
+                log = (folder / f"worker_{number}.log").open("w", encoding="utf-8")
+                share = ["--worker", f"{number}/{processes}"]
+                started.append(subprocess.Popen([*words, *share], env=environ, stdout=log, stderr=log))
+                log.close()
+            bar.compiling()
+            while any(process.poll() is None for process in started):
+                time.sleep(LOOK)
+                now = manifest.shards - len(missing(folder, manifest))
+                if now > there:
+                    bar.advance(now - there)
+                    there = now
+        finally:
+            for process in started:
+                if process.poll() is None:
+                    process.terminate()
+            for process in started:
+                process.wait()
+    failed = [number for number, process in enumerate(started) if process.returncode]
+    if not failed:
+        return ""
+    said = (folder / f"worker_{failed[0]}.log").read_text(encoding="utf-8").strip().splitlines()
+    return f"process {failed[0]} of {processes} ended: {said[-1] if said else started[failed[0]].returncode}"
+
+
+def one_thread() -> dict[str, str]:
+    """The environment of a process that leaves the other cores to others."""
+    flags = os.environ.get("XLA_FLAGS", "")
+    flags = flags if ONE_THREAD in flags else f"{flags} {ONE_THREAD}".strip()
+    return {**os.environ, "XLA_FLAGS": flags, "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+
+def _imports(words: list[str], index: int) -> bool:
+    """Whether a word of the command line belongs to `--import`."""
+    return words[index].startswith("--import") or (index > 0 and words[index - 1] == "--import")
+
+
+def _plots(file: SweepFile, folder: Path, manifest: Manifest) -> list[Path]:
+    """Response curves and pairs, of what a table shows."""
+    parts, status = [], []
+    for number in range(manifest.shards):
+        _, outputs, told, _ = read_shard(shard_path(folder, number), manifest)
+        parts.append(columns(outputs))
+        status.append(told["status"])
+    shown = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    good, values = np.concatenate(status) == 0, columns(file.variants)
+    if not shown or not good.any():
+        return []
+    try:
+        made = [plot_responses(folder / "responses.png", values, shown, good)]
+        if len(values) > 1:
+            name = next(iter(shown))
+            made.append(plot_pairs(folder / "pairs.png", values, name, shown[name], good))
+        return made
+    except PlotError as problem:
+        warning(f"{problem}; going on without them")
+        return []
+
+
+def _summary(
+    file: SweepFile, manifest: Manifest, merged: Merged, todo: int, wall: float, processes: int, folder: Path
+) -> str:
+    told = "; ".join(f"{count}: {word}" for word, count in merged.statuses.items())
+    names = ", ".join(path.relative_to(folder).as_posix() for path in merged.files)
+    return (
+        f'engine "{manifest.engine}": {manifest.reason}\n'
+        f"{file.source.name}: {manifest.count} variants in {manifest.shards} shards of {manifest.width}, {todo} of "
+        f"them computed now by {processes} process{'es' if processes > 1 else ''} in {wall:.1f} s\n{told}\n"
+        f"wrote {names} in {folder}"
+    )

@@ -1,0 +1,182 @@
+"""From a solution to what users see of it: intervals, each take's misfit, warnings; takes held out, predicted."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.advice import advice, sample_advice, weakest_in_words
+from jaxfem.fitting.evaluation import Evaluator, Piece
+from jaxfem.fitting.noise import Noise
+from jaxfem.fitting.objective import Outcome
+from jaxfem.fitting.release import scatter
+from jaxfem.fitting.result import FitResult, TakeFit
+from jaxfem.fitting.rounds import Judged
+from jaxfem.fitting.search import levenberg_marquardt
+from jaxfem.fitting.sharing import Shared, shared_unknowns
+from jaxfem.fitting.statistics import autocorrelation
+from jaxfem.fitting.takes import Prepared, compiled_piece
+from jaxfem.fitting.unknowns import DELAY, with_values
+
+LAGS = 60
+BAND = 1.959963984540054  # 95 % of a Gaussian
+
+
+def result_of(
+    evaluator: Evaluator,
+    made: Sequence[Prepared],
+    shared: Shared,
+    best: Judged,
+    noise: Noise,
+    held: Sequence[TakeFit],
+    status: str,
+    faults: Sequence[str],
+    repairs: Sequence[str],
+) -> FitResult:
+    """The result at the solution."""
+    z, spread, unknown = best.z, best.uncertainty, evaluator.unknowns
+    residual, _, outcomes = evaluator.linear(z)
+    failed = any(int(each.status) != 0 for each in outcomes)
+    sigma = [
+        _sigma_of(piece, scales, spread.noise) for piece, scales in zip(evaluator.pieces, best.scales, strict=True)
+    ]
+    takes = [
+        take_of(each, piece, outcome, own, unknown.values(z), width)
+        for each, piece, outcome, own, width in zip(made, evaluator.pieces, outcomes, shared.own, sigma, strict=True)
+    ]
+    bars = np.sqrt(np.maximum(np.diag(spread.covariance), 0.0))
+    first, piece = made[0], evaluator.pieces[0]
+    failures = evaluator.step_failures if failed else 0
+    dt = float(piece.problem.dt)
+    warnings = [
+        *advice(
+            first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
+        ),
+        *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
+    ]
+    return FitResult(
+        constants=unknown.constants,
+        values=unknown.values(z),
+        standard_errors=dict(zip(unknown.names, (np.abs(unknown.slopes(z)) * bars).tolist(), strict=True)),
+        intervals=intervals(evaluator, z, spread.factor * bars),
+        starts=shared.first,
+        bounds=dict(zip(unknown.names, zip(unknown.lower.tolist(), unknown.upper.tolist(), strict=True), strict=True)),
+        correlation=spread.correlation,
+        loss=evaluator.loss(residual),
+        takes=(*takes, *held),
+        weakest=weakest_in_words(unknown, z, spread),
+        inflation=spread.inflation,
+        memory=spread.partial,
+        sigmas={word: float(value * (1 if noise.known else spread.noise)) for word, value in best.sigmas.items()},
+        history=tuple(evaluator.history),
+        status="steps failed" if status == "converged" and failed else status,
+        warnings=(*faults, *warnings),
+        repairs=tuple(repairs),
+    )
+
+
+def intervals(evaluator: Evaluator, z: np.ndarray, half: np.ndarray) -> dict[str, tuple[float, float]]:
+    """95 % intervals of the values: those of z, through the transforms, so that positive values have positive ends."""
+    unknown, found = evaluator.unknowns, {}
+    low, high = unknown.values(z - half), unknown.values(z + half)
+    for name in unknown.names:
+        found[name] = (min(low[name], high[name]), max(low[name], high[name]))
+    return found
+
+
+def take_of(
+    made: Prepared,
+    piece: Piece,
+    outcome: Outcome,
+    own: Mapping[str, Any],
+    values: Mapping[str, float],
+    sigma: np.ndarray,
+    held_out: bool = False,
+) -> TakeFit:
+    """A take against its simulation; `sigma`, (M, 3) or (T, M, 3), of its samples."""
+    measured, seen = made.measured, made.measured.seen[..., None]
+    simulated, shown = (np.asarray(a, np.float64) for a in (outcome.simulated, outcome.measured))
+    shown = np.where(seen, shown, np.nan)
+    residuals = simulated - shown
+    count = max(made.axes * int(measured.seen.sum()), 1)
+    inside = np.abs(residuals[..., : made.axes]) <= BAND * np.broadcast_to(sigma, residuals.shape)[..., : made.axes]
+    found = {constant.name: values[name] for name, constant in own.items()}
+    dtype = piece.problem.model.rest.dtype
+    cast = {name: jnp.asarray(value, dtype) for name, value in found.items() if name != DELAY.name}
+    return TakeFit(
+        name=made.take.name,
+        held_out=held_out,
+        markers=made.markers.names,
+        times=measured.times,
+        release=measured.begins[0],
+        release_interval=measured.begins[1:],
+        residuals=residuals,
+        simulated=simulated,
+        measured=shown,
+        unit=made.unit,
+        noise=float(np.sqrt(np.nansum(residuals**2) / count)),
+        scatter=sample_scatter(shown[..., : made.axes]),
+        covered=float(inside[np.isfinite(residuals[..., : made.axes])].mean()) if measured.seen.any() else 0.0,
+        autocorrelation=autocorrelation(np.nan_to_num(residuals), measured.seen, LAGS),
+        values=found,
+        params=with_values(made.params, cast, piece.plan.constants),
+        dt=float(piece.problem.dt),
+    )
+
+
+def sample_scatter(places: np.ndarray) -> float:
+    """What markers scatter from one sample to the next: root mean square over (T, M, axes), as of white noise."""
+    lines = [each[np.isfinite(each)] for each in places.reshape(len(places), -1).T]
+    found = [scatter(line) for line in lines if line.size]
+    return float(np.sqrt(np.mean(np.square(found)))) if found else 0.0
+
+
+def held_take(
+    made: Prepared,
+    shared: Shared,
+    best: Judged,
+    noise: Noise,
+    usual: Mapping[str, float],
+    parameters: Sequence[str] | None,
+    own: Sequence[str],
+) -> TakeFit:
+    """A take that was not fitted, as the found values predict it; what it has for itself is fitted to it alone."""
+    there = shared_unknowns([made], parameters, own, None, None)
+    values = shared.unknowns.values(best.z)
+    known = {name: values[name] for name in there.unknowns.names if name in values and name not in own}
+    piece = compiled_piece(made, there.unknowns, there.own[0], noise, usual[made.unit] if usual[made.unit] else 1.0)
+    alone = Evaluator([piece], there.unknowns)
+    z = there.unknowns.unknown({**there.first, **known})
+    z[[name in known for name in there.unknowns.names]] = [
+        each.transform.unknown(known[each.name]) for each in there.unknowns.constants if each.name in known
+    ]
+    free = np.array([name not in known for name in there.unknowns.names])
+    if free.any():
+        z, _ = levenberg_marquardt(alone, z, 20, chosen=free, tol=1e-6)
+    _, jacobian, outcomes = alone.linear(z)
+    weights = np.asarray(piece.problem.weights, np.float64)
+    columns = jacobian[0] / np.where(weights > 0, weights, 1.0)
+    places = [shared.unknowns.names.index(name) for name in there.unknowns.names if name in known]
+    part = columns[[name in known for name in there.unknowns.names]]
+    covariance = best.uncertainty.covariance[np.ix_(places, places)]
+    told = np.einsum("ptmi,pq,qtmi->tmi", part, covariance, part)
+    group = noise.group_of(made.take.name, made.markers.names)
+    usual_sigma = float(np.sqrt(np.mean(np.square(list(best.sigmas.values())))))
+    by_marker = np.array([best.sigmas.get(word, usual_sigma) for word in group])[:, None]
+    by_marker = by_marker * (1.0 if noise.known else best.uncertainty.noise)
+    return take_of(
+        made,
+        piece,
+        outcomes[0],
+        there.own[0],
+        there.unknowns.values(z),
+        np.sqrt(told + by_marker**2),
+        held_out=True,
+    )
+
+
+def _sigma_of(piece: Piece, scales: np.ndarray, noise: float) -> np.ndarray:
+    """Standard deviation (M, 3) of a take's samples in their unit."""
+    most = np.asarray(piece.problem.weights, np.float64).max(axis=0)
+    return np.asarray(noise * scales / np.where(most > 0, most, 1.0))

@@ -1,0 +1,86 @@
+"""What was known of parameters before: rows beside those of the samples.
+
+A Gaussian on the value, or on its logarithm where it is known to a factor (Tarantola 2005, chapter 1).
+"""
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.unknowns import Unknowns
+
+
+@dataclasses.dataclass(frozen=True)
+class Gaussian:
+    """A value known to be `mean`, with the standard deviation `deviation`, both in its unit."""
+
+    mean: float
+    deviation: float
+
+    def __post_init__(self) -> None:
+        if not (np.isfinite(self.mean) and np.isfinite(self.deviation) and self.deviation > 0):
+            raise FitError(f"a prior has mean {self.mean} and deviation {self.deviation}: give deviation > 0")
+
+    def row(self, value: float) -> tuple[float, float]:
+        """(value - mean) / deviation, and its derivative in the value."""
+        return (value - self.mean) / self.deviation, 1 / self.deviation
+
+
+@dataclasses.dataclass(frozen=True)
+class LogNormal:
+    """A positive value known to be `median` to a `factor`: within it two times in three."""
+
+    median: float
+    factor: float
+
+    def __post_init__(self) -> None:
+        if not (self.median > 0 and np.isfinite(self.median) and self.factor > 1 and np.isfinite(self.factor)):
+            raise FitError(f"a prior has median {self.median} and factor {self.factor}: give median > 0 and factor > 1")
+
+    def row(self, value: float) -> tuple[float, float]:
+        """log(value / median) / log factor, and its derivative in the value."""
+        width = float(np.log(self.factor))
+        return float(np.log(value / self.median)) / width, 1 / (width * value)
+
+
+@dataclasses.dataclass(frozen=True)
+class Priors:
+    """Priors by the names of unknowns."""
+
+    unknowns: Unknowns
+    known: Mapping[str, Any]
+
+    def rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k,) in standard deviations, and derivatives (k, P) in z."""
+        values, slopes = self.unknowns.values(z), self.unknowns.slopes(z)
+        rows, jacobian = np.zeros(len(self.known)), np.zeros((len(self.known), z.size))
+        for k, (name, prior) in enumerate(self.known.items()):
+            place = self.unknowns.names.index(name)
+            rows[k], slope = prior.row(values[name])
+            jacobian[k, place] = slope * slopes[place]
+        return rows, jacobian
+
+    def precision(self, z: np.ndarray) -> np.ndarray:
+        """J'J (P, P) of the rows."""
+        jacobian = self.rows(z)[1]
+        return np.asarray(jacobian.T @ jacobian)
+
+
+def checked_priors(unknowns: Unknowns, priors: Mapping[str, Any] | None) -> Priors | None:
+    """Priors of the fitted parameters; FitError for one that is not fitted or no prior."""
+    if not priors:
+        return None
+    for name, prior in priors.items():
+        if name not in unknowns.names:
+            raise FitError(f'a prior is given for "{name}", which is not fitted; fitted: {", ".join(unknowns.names)}')
+        if not hasattr(prior, "row"):
+            raise FitError(
+                f"the prior of {name} is {prior!r}: give a Gaussian(mean, deviation) or LogNormal(median, factor)"
+            )
+        low = unknowns.constants[unknowns.names.index(name)].transform.low
+        if isinstance(prior, LogNormal) and low < 0:
+            raise FitError(f"the prior of {name} is of its logarithm, but it may be negative: give a Gaussian")
+    return Priors(unknowns, dict(priors))

@@ -1,0 +1,106 @@
+"""Unknowns of several takes: those that they share, and those that each has for itself."""
+
+import dataclasses
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.takes import Prepared
+from jaxfem.fitting.unknowns import (
+    Unknowns,
+    chosen,
+    known_constants,
+    start_values,
+    unknowns,
+    usual_names,
+)
+from jaxfem.materials.constants import Constant
+
+
+@dataclasses.dataclass(frozen=True)
+class Shared:
+    """`unknowns` of the fit, points z to start from, and for each take its `own` constants by the unknowns' names."""
+
+    unknowns: Unknowns
+    starts: list[np.ndarray]
+    own: tuple[dict[str, Constant], ...]
+    first: dict[str, float]
+
+
+def shared_unknowns(
+    made: Sequence[Prepared],
+    names: Sequence[str] | None,
+    own: Sequence[str],
+    starts: Sequence[Mapping[str, float]] | None,
+    bounds: Mapping[str, Any] | None,
+) -> Shared:
+    """All unknowns with their starts and bounds. FitError for strange names, starts or bounds."""
+    asked = (names,) if isinstance(names, str) else names
+    known = [known_constants(each.take.model.constants.values()) for each in made]
+    everywhere = {name: constant for each in reversed(known) for name, constant in each.items()}
+    scene = [each for each in everywhere.values() if any(each.name in one.take.model.constants for one in made)]
+    plain = chosen(tuple(usual_names(scene)) if asked is None else tuple(asked), everywhere)
+    constants, mine, values = _spread(made, plain, known, own)
+    given = [{**values, **dict(each)} for each in (starts or [{}])]
+    _check_starts(given, constants)
+    spacing = made[0].measured.spacing
+    wide = _for_each_take(bounds, constants, mine)
+    ranges = [unknowns(constants, each, wide, spacing) for each in given]
+    for each in starts or ():
+        for name, (low, high) in wide.items():
+            if name in each and not low <= each[name] <= high:
+                raise FitError(f"the start of {name}, {each[name]:g}, is outside its bounds, {low:g} to {high:g}")
+    both = Unknowns(constants, np.min([r.lower for r in ranges], axis=0), np.max([r.upper for r in ranges], axis=0))
+    return Shared(both, [both.unknown(each) for each in given], mine, given[0])
+
+
+def _spread(
+    made: Sequence[Prepared], plain: Sequence[Constant], known: Sequence[Mapping[str, Constant]], own: Sequence[str]
+) -> tuple[tuple[Constant, ...], tuple[dict[str, Constant], ...], dict[str, float]]:
+    """(unknowns, each take's constants by their names, their own values to start from)."""
+    found: list[Constant] = []
+    mine: list[dict[str, Constant]] = [{} for _ in made]
+    values: dict[str, float] = {}
+    for constant in plain:
+        there = [k for k, each in enumerate(known) if constant.name in each]
+        apart = constant.name in own and len(made) > 1
+        for k in there:
+            name = own_name(constant.name, made[k].take.name) if apart else constant.name
+            if name not in values:
+                values[name] = start_values(made[k].params, [constant], made[k].measured.spacing)[constant.name]
+                found.append(dataclasses.replace(constant, name=name))
+            mine[k][name] = constant
+    return tuple(found), tuple(mine), values
+
+
+def own_name(name: str, take: str) -> str:
+    """The name of a parameter that a take has for itself."""
+    return f"{name}_{re.sub(r'[^0-9A-Za-z]+', '_', take)}"
+
+
+def _for_each_take(
+    bounds: Mapping[str, Any] | None, constants: Sequence[Constant], mine: Sequence[Mapping[str, Constant]]
+) -> dict[str, Any]:
+    """Bounds by the unknowns' names: those of a parameter that takes have for themselves hold in each."""
+    found = dict(bounds or {})
+    for each in mine:
+        for name, constant in each.items():
+            if constant.name != name and constant.name in (bounds or {}):
+                found.setdefault(name, found[constant.name])
+    names = [each.name for each in constants]
+    base = {constant.name for each in mine for name, constant in each.items() if constant.name != name}
+    return {name: pair for name, pair in found.items() if name in names or name not in base}
+
+
+def _check_starts(given: Sequence[Mapping[str, float]], constants: Sequence[Constant]) -> None:
+    names = [each.name for each in constants]
+    for each in given:
+        strange = [name for name in each if name not in names]
+        if strange:
+            raise FitError(f'a start is given for "{strange[0]}", which is not fitted; fitted: {", ".join(names)}')
+        for constant in constants:
+            if constant.transform.proportional and not each[constant.name] > 0:
+                raise FitError(f"the start of {constant.name} is {each[constant.name]:g}; it must be positive")

@@ -1,0 +1,157 @@
+"""Takes: recordings with the scene that each is of, prepared for a search together."""
+
+import dataclasses
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.before import refuse, written_faults
+from jaxfem.fitting.correlation import Channels
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.evaluation import Piece
+from jaxfem.fitting.markers import Markers, attach, marker_positions
+from jaxfem.fitting.measurement import Measurement, measurement
+from jaxfem.fitting.noise import Noise
+from jaxfem.fitting.objective import Plan, make_problem
+from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.repairs import repaired
+from jaxfem.fitting.unknowns import DELAY, Unknowns
+from jaxfem.materials.constants import Constant
+from jaxfem.model import Model, Params, State
+from jaxfem.stepping import check_call, typed
+
+
+@dataclasses.dataclass(frozen=True)
+class Take:
+    """A `recording` of `markers` (attached ones, or places by name [m]) on the scene (`model`, `params`, `state`), in
+    steps of about `dt` [s]; `frame`, `compare`, `release`, `end` as in `jaxfem.fit`. `name`: its word in tables.
+    `finer()`: (model, params, state) of the same scene on a finer mesh, where `refine` is to ask for it.
+    """
+
+    model: Model
+    params: Params
+    state: State
+    recording: Recording
+    markers: Markers | Mapping[str, Any]
+    dt: float
+    frame: str = "none"
+    compare: str = "displacement"
+    release: Any = "auto"
+    end: Any = None
+    name: str = "take"
+    finer: Callable[[], tuple[Model, Params, State]] | None = None
+
+
+@dataclasses.dataclass(frozen=True)
+class Prepared:
+    """A take whose recording was looked at and cut: `faults` were let pass, `notes` tell what was repaired."""
+
+    take: Take
+    params: Params
+    state: State
+    markers: Markers
+    recording: Recording
+    measured: Measurement
+    faults: tuple[str, ...]
+    notes: tuple[str, ...]
+
+    @property
+    def unit(self) -> str:
+        """Of its samples: "m" or "px"."""
+        return "m" if self.recording.camera is None else "px"
+
+    @property
+    def axes(self) -> int:
+        """Coordinates of a sample."""
+        return 3 if self.recording.camera is None else 2
+
+    @property
+    def constants(self) -> int:
+        """Unknowns of a frame that are found along the way."""
+        return 6 * (self.take.frame == "all")
+
+
+def prepared(take: Take, checks: str) -> Prepared:
+    """Check and cut a take's recording. FitError where it cannot be right, unless `checks` is "warn"."""
+    params, state = typed(take.model, take.params, take.state)  # plain numbers are fine, as in `step`
+    check_call(take.model, params, state, take.dt)
+    markers = take.markers if isinstance(take.markers, Markers) else attach(take.model, take.markers)
+    recording = repaired(take.recording.subset(markers.names))
+    nominal = np.asarray(marker_positions(markers, state.positions), np.float64)
+    measured = measurement(
+        recording, nominal, frame=take.frame, compare=take.compare, release=take.release, end=take.end
+    )
+    faults, notes = written_faults(recording, measured, nominal, take.model, params, state, take.frame, take.compare)
+    faults = refuse(faults, checks)
+    return Prepared(take, params, state, markers, recording, measured, tuple(faults), (*recording.notes, *notes))
+
+
+def compiled_piece(
+    made: Prepared, unknowns: Unknowns, own: Mapping[str, Constant], noise: Noise, usual: float
+) -> Piece:
+    """What is compiled of a take; `own`: name of an unknown of the fit -> the constant that it is in this take; `usual`
+    scale [m] where the noise gives none.
+
+    Steps are such that a frame is saved at each sample: `dt` is moved to the nearest divisor of the sample spacing.
+    """
+    take, measured = made.take, made.measured
+    every = max(1, round(measured.spacing / take.dt))
+    dt = measured.spacing / every
+    columns = [k for k, name in enumerate(unknowns.names) if name in own]
+    constants = tuple(own[unknowns.names[k]] for k in columns)
+    early = max(
+        [0.0, *(-float(unknowns.lower[k]) for k, each in zip(columns, constants, strict=True) if each is DELAY)]
+    )
+    frames = max(2, int(np.ceil((measured.times[-1] + early) / measured.spacing - 1e-6)))
+    solved = take.frame if take.frame == "all" else "none"  # "rest" is dealt with once, before: both share a program
+    plan = Plan(constants, frames, every, solved, take.compare, measured.free_origin)
+    scale = noise.scale(made.markers.names, usual)
+    problem = make_problem(
+        take.model, made.params, made.state, made.markers, measured, plan, dt, scale, made.recording.camera
+    )
+    return Piece(problem, plan, np.array(columns, int))
+
+
+def channels_of(number: int, made: Prepared, weights: np.ndarray) -> list[Channels]:
+    """Markers of a take by the rows in which they were seen; `weights` (T, M, 3) of the residuals."""
+    measured = made.measured
+    level = made.take.compare == "displacement"
+    quiet = level and not measured.free_origin and made.take.frame != "all"
+    still = -measured.still * weights.max(axis=0) if quiet else np.zeros((0, *weights.shape[1:]))
+    when = np.round(measured.times / measured.spacing).astype(int)
+    before: np.ndarray = np.asarray(np.isfinite(still).all(axis=-1))
+    patterns: dict[bytes, list[int]] = {}
+    for marker in np.flatnonzero(measured.seen.any(axis=0)):
+        key = measured.seen[:, marker].tobytes() + before[:, marker].tobytes()
+        patterns.setdefault(key, []).append(int(marker))
+    found = []
+    for marks in patterns.values():
+        rows, there = np.flatnonzero(measured.seen[:, marks[0]]), before[:, marks[0]]
+        found.append(
+            Channels(
+                take=number,
+                rows=rows,
+                marks=np.array(marks),
+                when=np.concatenate([measured.still_when[there] if quiet else np.zeros(0, int), when[rows]]).astype(
+                    int
+                ),
+                still=still[there][:, marks],
+                offset=level,
+                pinned=quiet,
+                axes=made.axes,
+            )
+        )
+    return found
+
+
+def checked_takes(takes: Sequence[Take]) -> None:
+    """FitError for none, or two of a name, or of different precision or unit."""
+    if not takes:
+        raise FitError("no take is given: give at least one recording with its scene")
+    names = [take.name for take in takes]
+    for name in names:
+        if names.count(name) > 1:
+            raise FitError(f'two takes are named "{name}": give each a name of its own')
+    if len({str(take.model.rest.dtype) for take in takes}) > 1:
+        raise FitError("takes differ in precision: build all scenes in float64, or all in float32")

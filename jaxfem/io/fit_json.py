@@ -1,0 +1,108 @@
+"""The numbers of a fit as JSON, and what that JSON looks like: a schema that programs may rely on."""
+
+from typing import Any
+
+import numpy as np
+
+from jaxfem.fitting.result import FitResult, TakeFit
+
+FORMAT = "jaxfem-fit/1"
+NUMBER = {"type": "number"}
+TEXTS = {"type": "array", "items": {"type": "string"}}
+PAIR = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+NAMED = {"type": "object", "additionalProperties": NUMBER}
+TAKE: dict[str, Any] = {
+    "name": {"type": "string"},
+    "held_out": {"type": "boolean"},
+    "unit": {"enum": ["m", "px"]},
+    "markers": TEXTS,
+    "samples": {"type": "integer"},
+    "release_s": NUMBER,
+    "release_interval_s": PAIR,
+    "residual_rms": NUMBER,
+    "marker_scatter": NUMBER,
+    "share_in_95_percent_band": NUMBER,
+    "worst": {"type": "object", "required": ["marker", "axis", "residual_rms"]},
+    "autocorrelation": {"type": "array", "items": NUMBER},
+    "values": NAMED,
+}
+FIELDS: dict[str, Any] = {
+    "format": {"const": FORMAT},
+    "status": {"enum": ["converged", "iteration limit", "steps failed", "interrupted"]},
+    "values": NAMED,
+    "standard_errors": NAMED,
+    "intervals_95": {"type": "object", "additionalProperties": PAIR},
+    "starts": NAMED,
+    "bounds": {"type": "object", "additionalProperties": PAIR},
+    "units": {"type": "object", "additionalProperties": {"type": "string"}},
+    "correlation": {"type": "array", "items": {"type": "array", "items": NUMBER}},
+    "weakest": {"type": "string"},
+    "loss": NUMBER,
+    "samples_that_tell_the_same": NUMBER,
+    "noise_memory": {"type": "array", "items": NUMBER},
+    "noise_sigmas": NAMED,
+    "takes": {"type": "array", "minItems": 1, "items": {"type": "object", "required": list(TAKE), "properties": TAKE}},
+    "simulations": {"type": "integer"},
+    "iterations": {"type": "integer"},
+    "repairs": TEXTS,
+    "warnings": TEXTS,
+}
+SCHEMA: dict[str, Any] = {
+    "$schema": "https://json-schema.org/draft/2020-12/schema",
+    "title": "What `jaxfem fit` found",
+    "type": "object",
+    "required": list(FIELDS),
+    "properties": FIELDS,
+}
+"""JSON schema of fitted.json. Values are in SI units; residuals, scatter and sigmas in the take's unit."""
+
+
+def as_json(result: FitResult) -> dict[str, Any]:
+    """The numbers of a result as plain lists and dictionaries, as `SCHEMA` says; the first take's misfit on top too."""
+    first = result.takes[0]
+    return {
+        "format": FORMAT,
+        "values": result.values,
+        "standard_errors": result.standard_errors,
+        "intervals_95": {name: list(pair) for name, pair in result.intervals.items()},
+        "starts": {name: float(value) for name, value in result.starts.items()},
+        "bounds": {name: list(pair) for name, pair in result.bounds.items()},
+        "units": {each.name: each.unit for each in result.constants},
+        "correlation": result.correlation.tolist(),
+        "weakest": result.weakest,
+        "loss": result.loss,
+        "samples_that_tell_the_same": result.inflation,
+        "noise_memory": list(result.memory),
+        "noise_sigmas": result.sigmas,
+        f"residual_rms_{result.unit}": result.noise,
+        "release_s": result.release,
+        "release_interval_s": list(result.release_interval),
+        "samples": len(first.times),
+        "markers": list(first.markers),
+        "takes": [take_as_json(take) for take in result.takes],
+        "simulations": len(result.history),
+        "iterations": result.iterations,
+        "status": result.status,
+        "repairs": list(result.repairs),
+        "warnings": list(result.warnings),
+    }
+
+
+def take_as_json(take: TakeFit) -> dict[str, Any]:
+    """One recording's misfit."""
+    marker, axis, rms = take.worst
+    return {
+        "name": take.name,
+        "held_out": take.held_out,
+        "unit": take.unit,
+        "markers": list(take.markers),
+        "samples": len(take.times),
+        "release_s": float(take.release),
+        "release_interval_s": [float(each) for each in take.release_interval],
+        "residual_rms": take.noise,
+        "marker_scatter": take.scatter,
+        "share_in_95_percent_band": take.covered,
+        "worst": {"marker": marker, "axis": axis, "residual_rms": rms},
+        "autocorrelation": np.round(take.autocorrelation, 6).tolist(),
+        "values": {name: float(value) for name, value in take.values.items()},
+    }

@@ -1,0 +1,58 @@
+"""A commented fit file that holds every key there is."""
+
+from jaxfem.io import fit_files
+from jaxfem.io.templates import Line, line, table
+
+FIT: dict[str, Line] = {
+    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
+    "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
+    "compare": ('"displacement"', 'since the release; or "position"'),
+    "release": ('"auto"', "found: the body is still at first; or a time in s"),
+    "end": ('"settled"', "or a time in s; to the end of the recording without it"),
+    "substeps": ("2", "time steps a sample; the scene's step without it"),
+    "sigma": ("1e-4", "m, noise of the recording; found without it"),
+    "checks": ('"refuse"', 'what cannot be right; or "warn"'),
+    "own": ('["delay"]', "of several [[take]]s, what each has for itself"),
+}
+NOISE: dict[str, Line] = {
+    "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),
+    "loss": ('"square"', 'or "huber", "student": outliers count less'),
+    "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
+    "known": ("false", "true: sigma is the standard deviation itself"),
+}
+RECORDING: dict[str, Line] = {
+    "file": ('"recording.csv"', ""),
+    "unit": ('"m"', "where the file does not say"),
+    "rate": ("100.0", "1/s, where it counts frames"),
+    "camera": ("[[1, 0, 0, 0], [0, 1, 0, 0], [0, 0, 0, 1]]", "3 x 4, where it holds pixels"),
+}
+
+
+def fit_template(scene: str = "scene.toml") -> str:
+    """A fit of that scene, with all other keys in comments."""
+    recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
+    explained = [f"#   {key}: {RECORDING[key][1]}" for key in fit_files.RECORDING_KEYS if RECORDING[key][1]]
+    parts = [
+        "# A fit with every key that `jaxfem fit` reads; what is in comments may be left out.",
+        "",
+        line("scene", f'"{scene}"', "the body, its supports, and where the search starts"),
+        line("recording", '"recording.csv"', "times, and the places of markers; most formats are known"),
+        line(f"# recording = {{ {', '.join(recording)} }}", None, "instead of recording"),
+        *explained,
+        "# or several: [[take]] tables with name, recording, scene, held_out = true, release, end",
+        "",
+        "[markers]                       # where each sits on the undeformed body, m",
+        "tip = [0.2, 0.05, 0.2]",
+        "side = [0.1, 0.1, 0.15]",
+        *table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
+        *table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
+        "# [fit.priors]                  # known before: a mean, or a median to a factor",
+        "# young = { median = 2e5, factor = 1.5 }",
+        "# [fit.bounds]",
+        "# young = [1e3, 1e7]",
+        "# [fit.starts]                  # each list one number a starting point",
+        "# young = [1e5, 1e6]",
+        "# damping = [1e-3, 1e-2]",
+        *table("[output]", fit_files.OUTPUT_KEYS, {"folder": ('"fitted"', "beside this file")}, ("folder",)),
+    ]
+    return "\n".join(parts) + "\n"

@@ -1,0 +1,35 @@
+"""A soft body that touches itself: the nodes of two patches of its surface, each against the other's triangles."""
+
+import dataclasses
+from typing import Any
+
+import jax.numpy as jnp
+
+from jaxfem.rows.attachments import Configuration
+from jaxfem.rows.contact import Pairs, SurfaceContacts
+
+GIVE = 1e-3
+"""Of what a unit impulse moves a node of a patch by: how far it goes into the other patch."""
+
+
+class PatchContacts(SurfaceContacts):
+    """Nodes of a patch of a soft body's surface against another patch of it, `deep` (m,) [m] behind which they are
+    elsewhere: on the far side of what the patch bounds."""
+
+    deep: Any = dataclasses.field(default=None, kw_only=True)
+
+    @property
+    def kind(self) -> str:
+        """Words for the kinds of partners."""
+        return f"patches {super().kind}"
+
+    @property
+    def give(self) -> float:
+        """Nodes of both sides meet the other's triangles, so rows say nearly the same twice: what they do not share
+        would have to be made of huge impulses that cancel."""
+        return GIVE
+
+    def pairs(self, at: Configuration) -> Pairs:
+        """As for two bodies."""
+        pairs = super().pairs(at)
+        return pairs.replace(gap=jnp.where(pairs.gap < -self.deep, jnp.abs(pairs.gap) + 2 * self.margin, pairs.gap))

@@ -1,0 +1,211 @@
+"""jf.sweep: many variants of one scene, chunk by chunk, on all devices."""
+
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
+
+import jax
+import numpy as np
+
+from jaxfem.model import Model, Params, State
+from jaxfem.stepping.checks import check_call, check_rollout, typed
+from jaxfem.sweeping.engines import ENGINES, Engine, Task
+from jaxfem.sweeping.errors import SweepError
+from jaxfem.sweeping.outputs import measuring
+from jaxfem.sweeping.places import STEP, place_of, stacked
+from jaxfem.sweeping.result import SweepResult
+from jaxfem.sweeping.samples import Variants, checked
+
+Array = jax.Array
+AUTO = "auto"
+ROOM = 1e9  # bytes that a chunk's saved states and outputs may take
+Progress = Callable[[int, int, float], None]
+
+
+class Sweep:
+    """A sweep that is ready to run: chunks of one fixed width, each computed by the same program.
+
+    Made as `sweep` is called, without running. `run(number)` gives what chunk `number` of `chunks` keeps: the same bits
+    each time that it is run with the same width, program and processor.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        params: Params,
+        state: State,
+        variants: Mapping[str, Any],
+        *,
+        dt: float,
+        steps: int,
+        outputs: Mapping[str, Any],
+        every: int = 1,
+        change: Callable[..., tuple[Params, State]] | None = None,
+        engine: str = AUTO,
+        width: int | None = None,
+        halvings: int = 0,
+        devices: Sequence[Any] | None = None,
+    ):
+        params, state = typed(model, params, state)
+        self.variants: Variants = checked(variants)
+        first = {name: each[0] for name, each in self.variants.items()}
+        check_call(model, params, state, first.get(STEP, dt))
+        check_rollout(steps, every, None)
+        places = [place_of(name, model, params, state, value) for name, value in first.items() if _takes(name, change)]
+        self.task = Task(
+            model, params, state, dt, steps, every, tuple(places), measuring(model, outputs), change, halvings
+        )
+        self.dtype = model.rest.dtype
+        self.devices = tuple(devices or jax.local_devices())
+        self.engine, self.reason = chosen(self.task, engine, self.devices)
+        self.count = len(next(iter(self.variants.values())))
+        self.width = self._width(width)
+        self._prepared = self.engine.prepare(self.task)
+        self._compiled = self._program()
+
+    @property
+    def chunks(self) -> int:
+        """How many chunks there are."""
+        return -(-self.count // (self.width * len(self.devices)))
+
+    def rows(self, chunk: int) -> range:
+        """Which variants a chunk holds."""
+        size = self.width * len(self.devices)
+        return range(chunk * size, min((chunk + 1) * size, self.count))
+
+    def run(self, chunk: int) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray]]:
+        """Outputs (c, ...) of a chunk, and `status`, `iterations`, `residual`, `inverted` (c,).
+
+        A chunk that is not full is filled with its last variant: lanes have the same bits only at the same width.
+        """
+        rows, size = self.rows(chunk), self.width * len(self.devices)
+        index = np.minimum(np.arange(rows.start, rows.start + size), rows.stop - 1)
+        values = {name: stacked(each[index], self.dtype) for name, each in self.variants.items()}
+        made = self._compiled((self.task.model, self.task.params, self.task.state), self._prepared, values)
+        found: tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
+        found = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(rows)], jax.block_until_ready(made))
+        return found
+
+    def _program(self) -> Any:
+        whole = self.engine.make(self.task)
+        if len(self.devices) == 1:
+            return jax.jit(whole)
+        mesh = jax.sharding.Mesh(np.array(self.devices), ("lanes",))
+        spread, same = jax.sharding.PartitionSpec("lanes"), jax.sharding.PartitionSpec()
+        return jax.jit(
+            jax.shard_map(whole, mesh=mesh, in_specs=(same, same, spread), out_specs=(spread, spread), check_vma=False)
+        )
+
+    def _width(self, asked: int | None) -> int:
+        """Lanes a device and chunk: what was asked for, or the engine's, as far as there are variants and memory."""
+        if asked is not None:
+            if isinstance(asked, bool) or not isinstance(asked, int) or asked < 1:
+                raise SweepError(f"width is {asked!r}; give how many variants a chunk, a whole number of at least 1")
+            return asked
+        most = min(self.engine.width, -(-self.count // len(self.devices)))
+        kept, states = self._bytes()
+        while most > 1 and most * kept + self.engine.states_at_once(most) * states > ROOM:
+            most //= 2
+        return most
+
+    def _bytes(self) -> tuple[int, int]:
+        """Bytes of a variant's outputs, and of its saved states; errors of outputs show here, before compiling."""
+        parts = (self.task.model, self.task.params, self.task.state)
+        values = {name: jax.ShapeDtypeStruct(each.shape[1:], self.dtype) for name, each in self.variants.items()}
+        kept = jax.eval_shape(self.task.one, parts, values)
+        saved = sum(leaf.nbytes for leaf in jax.tree.leaves(self.task.state)) * (self.task.steps // self.task.every)
+        return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(kept)), saved
+
+
+def _takes(name: str, change: Any) -> bool:
+    """Whether a variable has a place of its own; those of a user's `change` are his, but for the known ones."""
+    return change is None or name == STEP
+
+
+def chosen(task: Task, asked: str, devices: Sequence[Any]) -> tuple[Engine, str]:
+    """The engine, and why. SweepError for one that is unknown, or asked for and cannot serve."""
+    if asked != AUTO:
+        if asked not in ENGINES:
+            raise SweepError(f"engine is {asked!r}; known are {', '.join((AUTO, *ENGINES.words()))}")
+        engine = ENGINES[asked].made()
+        refused = engine.refuses(task)
+        if refused:
+            raise SweepError(f'engine "{asked}" {refused}: give engine = "auto"')
+        return engine, "asked for"
+    if devices[0].platform != "cpu":
+        return ENGINES["vmap"].made(), "accelerators take all lanes side by side"
+    if "lanes" not in ENGINES:
+        return ENGINES["loop"].made(), "on CPUs one after another is faster than vmap"
+    lanes = ENGINES["lanes"].made()
+    refused = lanes.refuses(task)
+    if refused:
+        return ENGINES["loop"].made(), f'one after another, since engine "lanes" {refused}'
+    return lanes, "soft bodies on CPUs"
+
+
+def sweep(
+    model: Model,
+    params: Params,
+    state: State,
+    variants: Mapping[str, Any],
+    *,
+    dt: float,
+    steps: int,
+    outputs: Mapping[str, Any],
+    every: int = 1,
+    change: Callable[..., tuple[Params, State]] | None = None,
+    engine: str = AUTO,
+    width: int | None = None,
+    halvings: int = 0,
+    devices: Sequence[Any] | None = None,
+    progress: Progress | None = None,
+) -> SweepResult:
+    """Run `steps` steps of `dt` [s] for each variant, and keep its `outputs`.
+
+    `variants`: name -> values (V, ...), from `jaxfem.sweeping`'s grid, random, latin_hypercube, table, or your own. A
+    name is how Python reaches the number in `params`: "young", 'young["beam"]' of one body, "gravity[2]", "loads[0]",
+    'joints["..."].compliance'; "state.velocities" and its like for the start; "dt". With `change` (params, state,
+    values) -> (params, state) names are yours. `outputs`: name -> a function of the run (`sweeping.Observed`, with
+    states saved `every` so many steps), or "energies", "contact_forces", "frequencies", "positions", "rigid", or
+    `sweeping.outputs.PointPath(place)`. `engine`: "auto", or one of `sweeping.engines.ENGINES`. `width`: variants a
+    chunk and device; chunks are all of one width. A step that fails is taken in halves `halvings` times, then that
+    variant stops, and its status says why; no other feels it. `devices`: all of the process's where None.
+    `progress(done, all, seconds left)` is called after each chunk. SweepError names what cannot be.
+    """
+    options = {"every": every, "change": change, "engine": engine, "width": width, "halvings": halvings}
+    made = Sweep(
+        model,
+        params,
+        state,
+        variants,
+        dt=dt,
+        steps=steps,
+        outputs=outputs,
+        devices=devices,
+        **options,  # type: ignore[arg-type]
+    )
+    return gathered(made, progress)
+
+
+def gathered(made: Sweep, progress: Progress | None = None) -> SweepResult:
+    """Run all chunks of a sweep."""
+    parts, begun, times = [], time.perf_counter(), list[float]()
+    for chunk in range(made.chunks):
+        start = time.perf_counter()
+        parts.append(made.run(chunk))
+        times.append(time.perf_counter() - start)
+        if progress is not None:
+            each = min(times) if len(times) == 1 else sum(times[1:]) / (len(times) - 1)
+            progress(made.rows(chunk).stop, made.count, each * (made.chunks - chunk - 1))
+    together: Any = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    each = sum(times[1:]) / max(len(times) - 1, 1) if len(times) > 1 else times[0]
+    outputs, told = together
+    return SweepResult(
+        made.variants,
+        outputs,
+        engine=made.engine.name,
+        reason=made.reason,
+        seconds=time.perf_counter() - begun,
+        compiling=max(0.0, times[0] - each),
+        **told,
+    )

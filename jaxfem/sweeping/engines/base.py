@@ -1,0 +1,100 @@
+"""What an engine is: a way to compute all variants of a chunk, chosen with `sweep(engine=...)`."""
+
+import dataclasses
+from collections.abc import Callable
+from typing import Any, ClassVar
+
+import jax
+
+from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.registry import Registry
+from jaxfem.stepping import rollout
+from jaxfem.sweeping.outputs import Observed
+from jaxfem.sweeping.places import Place, placed
+
+Array = jax.Array
+Kept = tuple[dict[str, Array], dict[str, Array]]
+"""Outputs, and of each variant `status`, `iterations` (a step), `residual`, `inverted`."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Task:
+    """What each variant is: the scene, `steps` of `dt`, a saved state `every` so many, variables and outputs.
+
+    `change` (params, state, values) -> (params, state): what a user does with values beyond their `places`, or None.
+    """
+
+    model: Model
+    params: Params
+    state: State
+    dt: float
+    steps: int
+    every: int
+    places: tuple[Place, ...]
+    measure: Callable[[Observed], dict[str, Array]]
+    change: Callable[..., tuple[Params, State]] | None = None
+    halvings: int = 0
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the variables that have places."""
+        return tuple(place.name for place in self.places)
+
+    def variant(self, parts: tuple[Model, Params, State], values: dict[str, Array]) -> tuple[Params, State, Any]:
+        """Params, start and time step of a variant; `parts`: the scene as the compiled function was given it."""
+        model, params, state = parts
+        params, state, dt = placed(model, params, state, self.dt, list(self.places), values)
+        if self.change is not None:
+            params, state = self.change(params, state, values)
+        return params, state, dt
+
+    def one(self, parts: tuple[Model, Params, State], values: dict[str, Array]) -> Kept:
+        """What is kept of one variant: by `rollout`, whatever the scene."""
+        model = parts[0]
+        params, state, dt = self.variant(parts, values)
+        failing: Any = {"on_failure": "halve", "halvings": self.halvings} if self.halvings else {"on_failure": "stop"}
+        states, infos = rollout(model, params, state, dt, self.steps, every=self.every, **failing)
+        run = Observed(model, params, state, states, infos, jax.numpy.asarray(dt, model.rest.dtype))
+        return self.measure(run), told(infos)
+
+
+def told(infos: StepInfo) -> dict[str, Array]:
+    """The first status that is not 0, most iterations and largest residual of a step, most elements inside out."""
+    first = jax.numpy.argmax(infos.status != 0)
+    return {
+        "status": infos.status[first],
+        "iterations": infos.iterations.max(),
+        "residual": infos.residual.max(),
+        "inverted": infos.inverted.max(),
+    }
+
+
+class Engine:
+    """A way to compute chunks; `width` variants in each where nothing else is asked for."""
+
+    name: ClassVar[str]
+    width: ClassVar[int] = 32
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        ENGINES.add(cls.name, cls)
+
+    def refuses(self, task: Task) -> str | None:
+        """Why it cannot serve a task, in words that follow its name, or None."""
+        return None
+
+    def states_at_once(self, width: int) -> int:
+        """How many variants' saved states are in memory at one time, of a chunk of that width."""
+        return 1
+
+    def prepare(self, task: Task) -> Any:
+        """What all chunks share, made once on the host."""
+        return None
+
+    def make(self, task: Task) -> Callable[[tuple[Model, Params, State], Any, dict[str, Array]], Kept]:
+        """The function of the scene, of what was prepared, and of a chunk's values (W, ...), to be compiled."""
+        raise NotImplementedError
+
+
+ENGINES: Registry[Engine] = Registry("engine")
+"""All engines by name."""

@@ -1,0 +1,71 @@
+"""Conjugate gradients of all lanes in one loop, preconditioned by the modes at rest that they share."""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import Pytree
+from jaxfem.sweeping.lanes.body import Body
+from jaxfem.sweeping.lanes.kernels import AXES
+
+Array = jax.Array
+Linear = Callable[[Array], Array]
+
+
+class Solved(Pytree):
+    """Solutions (nf, 3, lanes), `iterations`, relative `residual`, whether each lane has `converged`, and whether its
+    numbers were `finite`."""
+
+    solution: Array
+    iterations: Array
+    residual: Array
+    converged: Array
+    finite: Array
+
+
+def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
+    """x -> Q V (rho + scale Lambda)^-1 V' Q' x of all lanes: at rest the inverse itself, for each lane's stiffness,
+    density and damping (`scale`, `density`: (lanes,), relative to those of the modes).
+
+    V and Lambda are shared: two large matrix products. Q: the mean rotation of some elements around each node.
+    """
+    q = body.fence(lambda: sum(r[body.around[:, k]] for k in range(body.around.shape[1])) / body.around.shape[1])
+    weight = body.fence(lambda: 1 / (density + scale * body.frequencies))
+
+    def apply(x: Array) -> Array:
+        turned = body.fence(lambda: sum(q[:, i] * x[:, i, None] for i in AXES)).reshape(len(body.shapes), -1)
+        back = (body.shapes @ (weight * (body.shapes.T @ turned))).reshape(x.shape)
+        found: Array = body.fence(lambda: sum(q[:, :, j] * back[:, j, None] for j in AXES))
+        return found
+
+    return apply
+
+
+def solve(matrix: Linear, precondition: Linear, b: Array, target: Array, asked: Array, limit: Array) -> Solved:
+    """Until the last of the lanes `asked` (lanes,) has a residual below `target` (lanes,); those that have stand still.
+
+    Each lane's numbers are its own: one that is not finite ends, and is not converged.
+    """
+
+    def norm(u: Array) -> Array:
+        return jnp.sqrt((u * u).sum((0, 1)))
+
+    def trip(state: Any) -> Any:
+        x, r, p, rz, active, k = state
+        q = matrix(p)
+        alpha = jnp.where(active, rz / (p * q).sum((0, 1)), 0)
+        x, r = x + alpha * p, r - alpha * q
+        z = precondition(r)
+        following = (r * z).sum((0, 1))
+        beta = jnp.where(active, following / rz, 0)
+        still = active & (norm(r) > target)
+        return x, r, z + beta * p, jnp.where(active, following, rz), still, k + active
+
+    z, size = precondition(b), norm(b)
+    start = jnp.zeros_like(b), b, z, (b * z).sum((0, 1)), asked & (size > target), jnp.zeros(b.shape[-1], jnp.int32)
+    x, r, _, _, active, k = jax.lax.while_loop(lambda s: s[4].any() & (s[5].max() < limit), trip, start)
+    left = norm(r)
+    good = (left <= target) & ~active
+    return Solved(x, k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))

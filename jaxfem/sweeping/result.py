@@ -1,0 +1,83 @@
+"""What a sweep returns: outputs, a status for each variant, and tables of them."""
+
+import csv
+import dataclasses
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from jaxfem.solvers.status import describe
+
+FEW = 12  # numbers of an output that a table shows side by side
+
+
+@dataclasses.dataclass(frozen=True)
+class SweepResult:
+    """`variants` and `outputs` by name, (V, ...) each; of each variant `status` (0: converged; see
+    `jaxfem.solvers.describe`), most `iterations` and largest `residual` of a step, `inverted` elements. `engine`, and
+    the `reason` for it; `seconds` spent in all, of which `compiling`.
+    """
+
+    variants: dict[str, np.ndarray]
+    outputs: dict[str, np.ndarray]
+    status: np.ndarray
+    iterations: np.ndarray
+    residual: np.ndarray
+    inverted: np.ndarray
+    engine: str
+    reason: str
+    seconds: float
+    compiling: float
+
+    def __len__(self) -> int:
+        return len(self.status)
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """An output (V, ...) by its name."""
+        return self.outputs[name]
+
+    @property
+    def good(self) -> np.ndarray:
+        """Which variants converged at every step, (V,)."""
+        found: np.ndarray = self.status == 0
+        return found
+
+    def columns(self) -> dict[str, np.ndarray]:
+        """Name -> one number a variant: variables, status, iterations, and each output of at most 12 numbers."""
+        return columns(self.variants, {"status": self.status, "iterations": self.iterations}, self.outputs)
+
+    def to_csv(self, path: Any) -> Path:
+        """Write the columns, a row a variant."""
+        return write_csv(Path(path), self.columns())
+
+    def __str__(self) -> str:
+        return (
+            f'{len(self)} variants by engine "{self.engine}" ({self.reason}) in {self.seconds:.1f} s, '
+            f"{self.compiling:.1f} s of them compiling; {describe(self.status)}"
+        )
+
+
+def columns(*groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Columns of one number a row, of arrays (V, ...) with at most `FEW` numbers a row; larger ones are left out."""
+    return {name: column for group in groups for key, each in group.items() for name, column in _split(key, each)}
+
+
+def _split(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:
+    flat = values.reshape(len(values), -1)
+    if values.ndim == 1:
+        yield name, values
+    elif flat.shape[1] <= FEW:
+        for number, place in enumerate(np.ndindex(values.shape[1:])):
+            yield f"{name}[{']['.join(map(str, place))}]", flat[:, number]
+
+
+def write_csv(path: Path, found: dict[str, np.ndarray]) -> Path:
+    """A CSV file of columns (V,); numbers in full, so that the file gives back the same bits."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file, lineterminator="\n")
+        writer.writerow(found)
+        for row in zip(*(each.tolist() for each in found.values()), strict=True):
+            writer.writerow([repr(value) if isinstance(value, float) else value for value in row])
+    return path

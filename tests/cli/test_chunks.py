@@ -1,0 +1,46 @@
+"""`jaxfem simulate` takes frames by one program, as many a call as time allows."""
+
+import numpy as np
+import pytest
+from test_simulate import scene, simulated
+
+import jaxfem as jf
+from jaxfem.cli import running
+from jaxfem.io import load_scene, read_frames
+from jaxfem.stepping import frames as stepping_frames
+
+__all__ = ["scene"]  # a fixture
+
+
+@pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
+def test_one_program_takes_chunks_of_any_length(scene, tmp_path, monkeypatch, scheme):
+    """The frames are those of a rollout, chunks grow as time allows, and the last frame may be of fewer steps."""
+    path, calls, take = scene(every=2), [], running.frames
+    path.write_text(path.read_text().replace("[time]", f'[time]\nscheme = "{scheme}"'))
+    monkeypatch.setattr(running, "frames", lambda *args, **most: calls.append(args[4:]) or take(*args, **most))
+    monkeypatch.setattr(running, "PACE", 1e6)
+    compiled = stepping_frames._frames._cache_size()
+    assert simulated(path, "--steps", "21", "--no-plots") == 0
+    assert calls == [(1, 2), (1, 2), (4, 2), (4, 2), (1, 1)]
+    assert stepping_frames._frames._cache_size() == compiled + 1
+    states, _ = jf.rollout(*load_scene(path).build(), 0.01, 21)
+    frames = read_frames(tmp_path / "out" / "run.pvd")
+    assert [round(frame.time / 0.01) for frame in frames] == [*range(0, 21, 2), 21]
+    for frame in frames[1:]:
+        np.testing.assert_allclose(frame.positions, states.positions[round(frame.time / 0.01) - 1], atol=1e-8)
+
+
+def test_frames_before_a_failed_one_are_written(scene, tmp_path, monkeypatch, capsys):
+    """In the middle of a chunk."""
+    take, calls = running.frames, []
+
+    def spoiled(*args, **most):
+        states, infos = take(*args, **most)
+        calls.append(args[4])
+        return (states, infos.replace(status=infos.status.at[2].set(1))) if args[4] > 2 else (states, infos)
+
+    monkeypatch.setattr(running, "frames", spoiled)
+    monkeypatch.setattr(running, "PACE", 1e6)
+    assert simulated(scene(), "--no-plots") == 3
+    assert calls == [1, 1, 4] and "step 5 of 6 (t = 0.05 s) failed" in capsys.readouterr().err
+    assert len(read_frames(tmp_path / "out" / "run.pvd")) == 5

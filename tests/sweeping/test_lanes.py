@@ -1,0 +1,134 @@
+"""The engine with lanes last gives each variant what a rollout of its own gives, or says why it cannot serve."""
+
+import jax
+import numpy as np
+import pytest
+from scenes import beam
+
+import jaxfem as jf
+from jaxfem import sweeping
+from jaxfem.solvers import Status
+from jaxfem.sweeping.lanes.body import padded
+
+DT, STEPS = 5e-3, 10
+KEPT = {"x": "positions", "v": lambda run: run.last.velocities, "energy": "energies"}
+
+
+def both(scene, variants, outputs=KEPT, **options):
+    """The same sweep one after another and with lanes last."""
+    options = {"dt": DT, "steps": STEPS, "every": 5, **options}
+    return [jf.sweep(*scene, variants, outputs=outputs, engine=engine, **options) for engine in ("loop", "lanes")]
+
+
+def rich(scheme="backward_euler", dtype=None):
+    """Two bodies of different materials, one of them damped, with all kinds of loads, driven and fixed."""
+    box = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1))
+    loads = [
+        jf.PointForce(point=(0.1, 0.015, 0.015), force=(0.0, 0.05, 0.0)),
+        jf.Traction(faces="x+", traction=(5.0, 0.0, 0.0)),
+        jf.Pressure(faces="z+", pressure=20.0),
+        jf.NodalForce(nodes="x+", force=(0.0, 0.0, 0.01)),
+    ]
+    first = jf.SoftBody(
+        box, young=1e5, poisson=0.3, density=1e3, damping=2e-3, fixed="x-", loads=loads, velocity=(0, 0.1, 0)
+    )
+    shaken = jf.Driven("x-", jf.Motion(amplitude=(0.0, 0.0, 0.005), frequency=5.0))
+    second = jf.SoftBody(box.translated((0, 0.1, 0)), young=3e5, poisson=0.42, density=8e2, driven=[shaken])
+    scene = jf.Scene([first, second], gravity=(0, 0, -9.81))
+    return jf.build(scene, scheme=scheme, **({} if dtype is None else {"dtype": dtype}))
+
+
+@pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
+def test_lanes_are_rollouts(scheme):
+    """Materials by body, loads of all kinds, driven nodes, dt, a start: over a factor of 100 in E; in both schemes."""
+    scene = rich(scheme)
+    name = next(iter(scene[0].bodies))
+    variants = {
+        f'young["{name}"]': np.array([1e4, 1e5, 1e6, 1e5, 1e5]),
+        "poisson": np.array([[0.3, 0.42], [0.1, 0.2], [0.45, 0.4], [0.3, 0.3], [0.3, 0.3]]),
+        "density": np.array([1e3, 5e2, 2e3, 1e3, 1e3]),
+        "damping": np.array([0.0, 1e-3, 1e-2, 1e-3, 1e-3]),
+        "gravity[1]": np.array([0.0, -5.0, 20.0, 0.0, 0.0]),
+        "loads[2]": np.array([20.0, 200.0, -20.0, 0.0, 0.0]),
+        "motions[0].frequency": np.array([5.0, 10.0, 20.0, 5.0, 5.0]),
+        "dt": np.array([5e-3, 5e-3, 1e-2, 1e-3, 5e-3]),
+    }
+    loop, lanes = both(scene, variants)
+    assert loop.good.all() and lanes.good.all()
+    moved = np.abs(loop["x"] - np.asarray(scene[0].rest)).max((1, 2, 3), keepdims=True)
+    assert moved.min() > 1e-4
+    assert (np.abs(lanes["x"] - loop["x"]) / moved).max() < 1e-6
+    np.testing.assert_allclose(lanes["v"], loop["v"], atol=1e-6 * np.abs(loop["v"]).max())
+    np.testing.assert_allclose(lanes["energy.elastic"], loop["energy.elastic"], rtol=1e-5, atol=1e-9)
+
+
+def test_single_precision():
+    """Short steps, whose changes of position would be lost: the digits that they drop are carried."""
+    scene = beam((2, 1, 1), build={"dtype": "float32"})
+    _, lanes = both(scene, {"young": [1e5, 1e6], "dt": [2e-4, 5e-3]})
+    exact = jf.sweep(
+        *beam((2, 1, 1)),
+        {"young": [1e5, 1e6], "dt": [2e-4, 5e-3]},
+        dt=DT,
+        steps=STEPS,
+        every=5,
+        outputs=KEPT,
+        engine="loop",
+    )
+    assert lanes["x"].dtype == np.float32 and lanes.good.all()
+    rest = np.asarray(scene[0].rest)
+    for lane in range(2):
+        moved = np.abs(exact["x"][lane] - rest).max()
+        assert np.abs(lanes["x"][lane] - exact["x"][lane]).max() < 2e-3 * moved + 1e-8
+
+
+def test_a_bad_lane_spoils_no_other():
+    """Lanes with impossible values, numbers that overflow and too few iterations; the rest has the bits that it has."""
+    scene = beam((2, 1, 1))
+    good = {"young": np.full(4, 1e5), "gravity[2]": np.full(4, -9.81)}
+    bad = {"young": np.array([1e5, -1.0, 1e5, 1e5]), "gravity[2]": np.array([-9.81, -9.81, np.nan, -1e300])}
+    options = {"dt": DT, "steps": STEPS, "every": 5, "outputs": KEPT, "engine": "lanes"}
+    clean, mixed = (jf.sweep(*scene, variants, **options) for variants in (good, bad))
+    np.testing.assert_array_equal(mixed["x"][0], clean["x"][0])
+    found = [Status(int(code)) for code in mixed.status]
+    assert found[:3] == [Status.CONVERGED, Status.INVALID_VALUE, Status.INVALID_VALUE] and found[3] != Status.CONVERGED
+    np.testing.assert_array_equal(mixed["x"][1], np.broadcast_to(scene[0].rest, mixed["x"][1].shape))  # it stood still
+    model = scene[0].replace(max_iterations=scene[0].max_iterations * 0 + 1)
+    few = jf.sweep(model, *scene[1:], good, **options)
+    assert {Status(int(code)) for code in few.status} == {Status.ITERATION_LIMIT}
+
+
+def test_elements_inside_out():
+    """Pushed through themselves at the start: the nearest rotation there is that of everywhere else."""
+    model, params, state = beam((2, 1, 1), young=1e4)
+    starts = np.stack([np.asarray(state.positions)] * 2)
+    starts[1, :, 0] = np.where(np.asarray(model.free) > 0, -0.3 * starts[1, :, 0], starts[1, :, 0])
+    loop, lanes = both((model, params, state), {"state.positions": starts})
+    assert lanes.inverted[1] > 0 == lanes.inverted[0]
+    np.testing.assert_allclose(lanes["x"], loop["x"], atol=1e-6)
+
+
+def test_what_it_cannot_serve_goes_one_after_another():
+    ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
+    rigid = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
+    free = beam((2, 1, 1), fixed=None)
+    smoothed = beam((2, 1, 1), strain="smoothed")
+    for scene, words in ((rigid, "soft bodies alone"), (free, "nothing holds"), (smoothed, "smooths it")):
+        made = sweeping.Sweep(*scene, {"gravity[2]": [0.0]}, dt=DT, steps=1, outputs={"e": "energies"})
+        assert made.engine.name == "loop" and words in made.reason
+        with pytest.raises(jf.SweepError, match=words):
+            sweeping.Sweep(*scene, {"gravity[2]": [0.0]}, dt=DT, steps=1, outputs={"e": "energies"}, engine="lanes")
+    made = sweeping.Sweep(*beam((2, 1, 1)), {"young": [1e5]}, dt=DT, steps=1, outputs={"e": "energies"})
+    assert made.engine.name == "lanes" and jax.default_backend() == "cpu"
+
+
+def test_padded_rows_hold_every_item_once():
+    owner = np.random.default_rng(0).integers(0, 20, 200)
+    counts = np.sort(np.bincount(owner, minlength=20))[::-1]
+    rank = np.argsort(np.argsort(-np.bincount(owner, minlength=20), kind="stable"))
+    rows = padded(rank[owner], np.arange(200), 20, 200)
+    assert len(rows) <= 4 and sum(len(each) for each in rows) == 20
+    held = [sorted(row[row < 200]) for each in rows for row in each]
+    assert [len(row) for row in held] == counts.tolist()
+    assert sorted(item for row in held for item in row) == list(range(200))
+    assert all(len({rank[owner[item]] for item in row}) == 1 for row in held)

@@ -1,0 +1,141 @@
+"""jf.sweep: each variant is what a rollout of its own gives, and has a status of its own."""
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from scenes import beam
+
+import jaxfem as jf
+from jaxfem import sweeping
+from jaxfem.solvers import Status
+from jaxfem.sweeping.outputs import PointPath
+from jaxfem.sweeping.result import write_csv
+
+CELLS, TIP, DT, STEPS = (2, 1, 1), (0.1, 0.015, 0.015), 5e-3, 10
+
+
+@pytest.fixture(scope="module")
+def scene():
+    return beam(CELLS)
+
+
+def test_variants_are_rollouts_of_their_own(scene, tmp_path):
+    """Constants, an entry of a vector, the start and the time step; five variants in chunks of two, one of them bad."""
+    model, params, state = scene
+    kicks = np.random.default_rng(0).normal(0, 0.1, (5, *state.velocities.shape)) * np.asarray(model.free)[:, None]
+    variants = {
+        "young": np.array([1e5, 2e5, -1.0, 1e6, 1e5]),
+        "gravity[2]": np.linspace(-10, 10, 5),
+        "state.velocities": kicks,
+        "dt": np.array([5e-3, 5e-3, 5e-3, 2e-3, 5e-3]),
+    }
+    seen = []
+    result = jf.sweep(
+        *scene,
+        variants,
+        dt=DT,
+        steps=STEPS,
+        every=5,
+        outputs={"tip": PointPath(TIP), "energy": "energies", "speed": lambda run: jnp.abs(run.last.velocities).max()},
+        width=2,
+        engine="loop",
+        progress=lambda *told: seen.append(told),
+    )
+    assert [told[:2] for told in seen] == [(2, 5), (4, 5), (5, 5)] and seen[-1][2] == 0
+    assert result.good.tolist() == [True, True, False, True, True]
+    assert Status(int(result.status[2])) == Status.INVALID_VALUE and "young" in str(result)
+    for lane in (0, 1, 3, 4):
+        own = params.replace(
+            young=variants["young"][lane], gravity=params.gravity.at[2].set(variants["gravity[2]"][lane])
+        )
+        start = state.replace(velocities=jnp.asarray(kicks[lane]))
+        states, _ = jf.rollout(model, own, start, variants["dt"][lane], STEPS, every=5)
+        tip = sweeping.outputs.PointPath(TIP).measured(model)
+        run = sweeping.Observed(model, own, start, states, None, DT)
+        np.testing.assert_allclose(result["tip"][lane], tip(run), atol=1e-9)
+        np.testing.assert_allclose(result["speed"][lane], jnp.abs(states.velocities[-1]).max(), rtol=1e-7)
+        last = jf.energies(model, own, run.last)
+        np.testing.assert_allclose(result["energy.elastic"][lane, -1], last.elastic, rtol=1e-6)
+    columns = result.columns()
+    assert "tip[1][2]" in columns and "state.velocities[0][0]" not in columns  # more than a table shows
+    read = sweeping.table(result.to_csv(tmp_path / "sweep.csv"))
+    np.testing.assert_array_equal(read["tip[1][2]"], result["tip"][:, 1, 2])
+
+
+def test_contacts_joints_and_engines_agree():
+    """A ball falls on a plate: vmap and one after another give the same, and the force on the plate is its weight."""
+    ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
+    scene = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
+    (group,) = scene[0].contacts
+    variants = {"rigid.mass[0]": [0.1, 0.4], f'contacts["{group}"].friction[0]': [0.3, 0.5]}
+    variants = sweeping.table({name: np.array(each) for name, each in variants.items()})
+    outputs = {"force": "contact_forces", "pose": "rigid"}
+    made = [
+        jf.sweep(*scene, variants, dt=DT, steps=STEPS, outputs=outputs, engine=engine) for engine in ("loop", "vmap")
+    ]
+    for result in made:
+        assert result.good.all()
+        np.testing.assert_allclose(result[f"force.{group}"][:, -1], 9.81 * variants["rigid.mass[0]"], rtol=1e-4)
+    np.testing.assert_allclose(made[0]["pose.positions"], made[1]["pose.positions"], atol=1e-9)
+    assert made[0].engine == "loop" and made[0].reason == "asked for"
+
+
+def test_a_change_of_the_users_own(scene):
+    """Values that have no place go to `change`; frequencies rise with the root of stiffness."""
+
+    def scaled(params, state, values):
+        return params.replace(young=values["factor"] * params.young), state
+
+    outputs = {"f": sweeping.outputs.Frequencies(2)}
+    result = jf.sweep(*scene, {"factor": [1.0, 4.0]}, change=scaled, dt=DT, steps=1, outputs=outputs, engine="loop")
+    np.testing.assert_allclose(result["f"][1], 2 * result["f"][0], rtol=1e-6)
+
+
+def test_samples():
+    grid = sweeping.grid({"a": [1, 2], "b": [3, 4, 5]})
+    assert grid["a"].tolist() == [1, 1, 1, 2, 2, 2] and grid["b"].tolist() == [3, 4, 5] * 2
+    ranges = {"young": (1e4, 1e6, "log"), "density": (900, 1100)}
+    for draw in (sweeping.random, sweeping.latin_hypercube):
+        made, again, other = draw(ranges, 16, 3), draw(ranges, 16, 3), draw(ranges, 16, 4)
+        assert all((made[name] == again[name]).all() and (made[name] != other[name]).any() for name in ranges)
+        assert (made["young"] >= 1e4).all() and (made["young"] <= 1e6).all() and len(made["density"]) == 16
+    share = np.log(sweeping.latin_hypercube(ranges, 16)["young"] / 1e4) / np.log(100)
+    assert sorted(np.floor(16 * share).astype(int)) == list(range(16))  # each part met once
+
+
+def test_tables_keep_every_bit(tmp_path):
+    values = {"x": np.random.default_rng(1).normal(size=5), "n": np.arange(5)}
+    read = sweeping.table(write_csv(tmp_path / "t.csv", values))
+    assert all((read[name] == values[name]).all() for name in values)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"variants": {"yuong": [1.0]}}, "did you mean 'young'"),
+        ({"variants": {"young": [1.0], "poisson": [0.1, 0.2]}}, "differ in how many values"),
+        ({"variants": {"gravity": [1.0, 2.0]}}, r"there, \(3,\) is needed"),
+        ({"variants": {"gravity[3]": [1.0]}}, "leads nowhere"),
+        ({"variants": {'young["bar"]': [1.0]}}, "no soft body 'bar'; there are beam"),
+        ({"variants": {}}, "at least one name"),
+        ({"variants": {"young": ["soft"]}}, "no numbers"),
+        ({"variants": {"young": np.ones((1, 4))}}, "one for each of the 1 bodies"),
+        ({"outputs": {}}, "needs outputs"),
+        ({"outputs": {"tip": "points"}}, "known are point"),
+        ({"outputs": {"tip": "point"}}, "needs more than its word"),
+        ({"outputs": {"tip": PointPath((9, 9, 9))}}, "outside the bodies"),
+        ({"outputs": {"force": "contact_forces"}}, "no contacts"),
+        ({"engine": "fast"}, "known are auto, "),
+        ({"width": 0}, "whole number of at least 1"),
+    ],
+)
+def test_mistakes(scene, changes, message):
+    options = {"variants": {"young": [1e5]}, "outputs": {"energy": "energies"}, **changes}
+    with pytest.raises(jf.SweepError, match=message):
+        jf.sweep(*scene, options.pop("variants"), dt=DT, steps=STEPS, **options)
+
+
+@pytest.mark.parametrize(("ranges", "count"), [({"a": (2, 1)}, 3), ({"a": (0, 1, "log")}, 3), ({"a": (0, 1)}, 0)])
+def test_mistakes_of_ranges(ranges, count):
+    with pytest.raises(jf.SweepError):
+        sweeping.random(ranges, count)
