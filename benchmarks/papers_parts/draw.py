@@ -54,11 +54,11 @@ def _times(rows: list[dict[str, Any]], path: pathlib.Path) -> None:
 
 
 def _few(given: dict[str, Any], path: pathlib.Path) -> None:
-    figure, axes = _axes("time (s)", "tip (mm)", logarithmic=False)
+    figure, axes = _axes("time (s)", "height of the chain's end (m)", logarithmic=False)
     for label, course in given["tips"].items():
         if label == "converged" or label.split()[1] in ("5", "20"):
             style = "k-" if label == "converged" else "-" if label.startswith("pgs") else "--"
             name = label.replace("pgs", "Gauss-Seidel,").replace("mprgp", "MPRGP,")
-            axes.plot([5e-3 * (i + 1) for i in range(len(course))], [1e3 * z for z in course], style, label=name, lw=1)
+            axes.plot([(i + 1) / 60 for i in range(len(course))], course, style, label=name, lw=1)
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(path)

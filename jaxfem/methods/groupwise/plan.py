@@ -18,7 +18,8 @@ class Groups(Pytree):
     `nodes` (G, N): of the scene, the first again on padding; `slots` (E, 4): where the copies of an element's corners
     stand among the G N; `element` (E,): group of each element. `shared` (G, S): which of a group's copies others have
     too; `real` (G, S) false on padding; `owner` (G, S): number of the node among the H that are shared, H on padding;
-    `copies` (H,): how many copies it has. Only nodes that move are shared. `free` (G, N): which copies move, false on
+    `copies` (H,): how many copies it has; `first`, `other` (m,): a node's first copy and each other one, among the G S,
+    in pairs. Only nodes that move are shared. `free` (G, N): which copies move, false on
     padding.
     """
 
@@ -29,6 +30,8 @@ class Groups(Pytree):
     real: Array
     owner: Array
     copies: Array
+    first: Array
+    other: Array
     free: Array
 
     @property
@@ -76,6 +79,10 @@ def group_plan(model: Model, label: np.ndarray) -> Groups:
     shared, real = np.zeros((count, most), np.int64), np.zeros((count, most), bool)
     owner = np.full((count, most), len(meets))
     shared[own, order], real[own, order], owner[own, order] = at, True, np.searchsorted(meets, its)
+    number, flat = np.searchsorted(meets, its), own * most + order
+    sort = np.argsort(number, kind="stable")
+    starts = np.searchsorted(number[sort], np.arange(len(meets)))
+    others = np.delete(sort, starts)
     return Groups(
         nodes=on_device(nodes, jnp.int32),
         slots=on_device((group * width + rank)[place], jnp.int32),
@@ -84,5 +91,7 @@ def group_plan(model: Model, label: np.ndarray) -> Groups:
         real=jnp.asarray(real),
         owner=on_device(owner, jnp.int32),
         copies=on_device(np.bincount(node, minlength=points)[meets], jnp.int32),
+        first=on_device(flat[sort[starts]][number[others]], jnp.int32),
+        other=on_device(flat[others], jnp.int32),
         free=jnp.asarray(moves),
     )

@@ -1,8 +1,9 @@
 """Groups solved by their constant matrices, inverted once, and tied by one multiplier a shared copy (FETI).
 
-    A v + S' l = r,   Q S v = 0:   Q W l = Q S A^-1 r,   W = S A^-1 S'
-with S the shared copies, Q what differs from the mean of a node's copies (so the multipliers of a node sum to zero).
-Farhat & Roux 1991. Inverses belong to the time step and constants that they were made for; where those have changed
+    A v + S' B' l = r,   B S v = 0:   B W B' l = B S A^-1 r,   W = S A^-1 S'
+with S the shared copies, and B what a node's copies differ by from its first one. Farhat & Roux 1991. Groups turned
+alike turn B W B' along: its inverse at rest, turned with the groups, is the preconditioner of the multipliers' solve.
+ Inverses belong to the time step and constants that they were made for; where those have changed
 since, conjugate gradients on the nodes take this for a preconditioner, and find the step's solution all the same.
 """
 
@@ -28,11 +29,13 @@ Array = jax.Array
 
 class Inverses(Pytree):
     """A^-1 of each group in its own frame, (G, 3 N, 3 N), its `columns` (G, 3 N, 3 S) of shared copies and W
-    `interface` (G, 3 S, 3 S); `limit` () [N/m] of the binding coefficient for steps of `dt` () [s]."""
+    `interface` (G, 3 S, 3 S); (B W B')^-1 at rest, `tied` (3 m, 3 m); `limit` () [N/m] of the binding coefficient for
+    steps of `dt` () [s]."""
 
     whole: Array
     columns: Array
     interface: Array
+    tied: Array
     limit: Array
     dt: Array
 
@@ -69,9 +72,23 @@ def group_inverses(system: GroupSystem, model: Model, dt: Array) -> Inverses:
     columns = columns.reshape(count, width, 3, 3 * most)
     rows = jnp.take_along_axis(columns, groups.shared[:, :, None, None], 1) * groups.real[:, :, None, None]
     interface = rows.reshape(count, 3 * most, 3 * most)
-    return Inverses(
-        whole, columns.reshape(count, 3 * width, 3 * most), interface, jnp.asarray(jnp.inf, whole.dtype), dt
-    )
+    tied = jnp.linalg.inv(_pair_matrix(groups, interface)) if groups.tied else jnp.zeros((0, 0), whole.dtype)
+    columns = columns.reshape(count, 3 * width, 3 * most)
+    return Inverses(whole, columns, interface, tied, jnp.asarray(jnp.inf, whole.dtype), dt)
+
+
+def _pair_matrix(groups: Groups, interface: Array) -> Array:
+    """B W B' with the groups as at rest, (3 m, 3 m)."""
+    most = groups.shared.shape[1]
+    blocks = interface.reshape(groups.count, most, 3, most, 3)
+
+    def between(one: Array, two: Array) -> Array:
+        found = blocks[(one // most)[:, None], (one % most)[:, None], :, (two % most)[None], :]
+        return jnp.where(((one // most)[:, None] == (two // most)[None])[:, :, None, None], found, 0)
+
+    first, other = groups.first, groups.other
+    total = between(first, first) + between(other, other) - between(first, other) - between(other, first)
+    return total.transpose(0, 2, 1, 3).reshape(3 * len(first), 3 * len(first))
 
 
 def coefficient_limit(groups: Groups, inverses: Inverses, dt: Array) -> Array:
@@ -103,6 +120,18 @@ def differing(groups: Groups, shared: Array) -> Array:
     return (held - mean[groups.owner]) * groups.real[:, :, None]
 
 
+def _gaps(groups: Groups, shared: Array) -> Array:
+    """B: from each node's first copy to its others, (m, 3), of shared copies (G, S, 3)."""
+    flat = shared.reshape(-1, 3)
+    return flat[groups.other] - flat[groups.first]
+
+
+def _pushes(groups: Groups, pairs: Array) -> Array:
+    """B' of (m, 3): on shared copies, (G, S, 3)."""
+    flat = jnp.zeros((groups.shared.size, 3), pairs.dtype).at[groups.other].add(pairs).at[groups.first].add(-pairs)
+    return flat.reshape(*groups.shared.shape, 3)
+
+
 def shared_of(groups: Groups, field: Array) -> Array:
     """Shared copies (G, S, 3) of a field (G, N, 3)."""
     return jnp.take_along_axis(field, groups.shared[:, :, None], 1) * groups.real[:, :, None]
@@ -115,15 +144,20 @@ def tied_solution(given: Prepared, right: Array) -> tuple[Array, Array]:
     found = _applied(rotation, inverses.whole, right * groups.free[:, :, None])
     if not groups.tied:
         return found, jnp.zeros((groups.count, 0, 3), right.dtype)
-    apart = differing(groups, shared_of(groups, found))
-    digits = 1e-12 if right.dtype.itemsize > 4 else 1e-6
-    multipliers, _ = pcg(
-        lambda force: differing(groups, _applied(rotation, inverses.interface, force)),
-        apart,
-        tol=digits,
-        max_iterations=system.max_iterations,
-    )
-    found = found - _applied(rotation, inverses.columns, multipliers)
+    own = rotation[groups.first // groups.shared.shape[1]]
+
+    def tied(pairs: Array) -> Array:
+        return _gaps(groups, _applied(rotation, inverses.interface, _pushes(groups, pairs)))
+
+    def nearly(pairs: Array) -> Array:
+        inner = jnp.einsum("mji,mj->mi", own, pairs, precision=EXACT).reshape(-1)
+        outer = jnp.einsum("ij,j->i", inverses.tied, inner, precision=EXACT).reshape(-1, 3)
+        return jnp.einsum("mij,mj->mi", own, outer, precision=EXACT)
+
+    digits = 1e-11 if right.dtype.itemsize > 4 else 1e-6
+    apart = _gaps(groups, shared_of(groups, found))
+    multipliers, _ = pcg(tied, apart, nearly, tol=digits, max_iterations=system.max_iterations)
+    found = found - _applied(rotation, inverses.columns, _pushes(groups, multipliers))
     return found, differing(groups, shared_of(groups, found))
 
 
