@@ -81,8 +81,7 @@ def run(args: argparse.Namespace) -> int:
     print("\n2. recording six markers on it, with noise of 0.03 mm", flush=True)
     _record(folder, scene, args.seed)
     print("\n3. fitting, from a start thirty times too stiff", flush=True)
-    result, _ = fit.fit_from_file(load_fit(folder / "fit.toml"))
-    fit.write_results(folder / "fitted", result)
+    result, _ = fit.fitted(load_fit(folder / "fit.toml"), folder / "fitted")
     if result.status == "interrupted":
         error("interrupted; the best so far is written")
         return fit.EXIT_INTERRUPTED
@@ -129,6 +128,7 @@ def _verdict(folder: Path, result: FitResult, seconds: float) -> str:
     lines += [
         "",
         f"All in {seconds:.0f} s. Look at, in {folder}:",
+        "  fitted/report.html                      everything about the fit on one page; opens in any browser",
         "  fitted/measured_against_simulated.png   the recording and the fitted simulation",
         "  fitted/loss.png                         how the search went",
         "  fitted/summary.txt, fitted.json, residuals.csv",

@@ -44,14 +44,20 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
-    result, takes = fit_from_file(file, args.recording)
-    written = write_results(folder, result, plots=not args.no_plots)
-    files = {"fit": file.source, **_sources(file, args.recording)}
+    result, written = fitted(file, folder, args.recording, plots=not args.no_plots)
+    print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
+    return EXIT_INTERRUPTED if result.status == "interrupted" else 0
+
+
+def fitted(file: FitFile, folder: Path, recording: Any = None, plots: bool = True) -> tuple[FitResult, list[Path]]:
+    """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
+    result, takes = fit_from_file(file, recording)
+    written = write_results(folder, result, plots)
+    files = {"fit": file.source, **_sources(file, recording)}
     scene = takes[0].model, takes[0].state
     settings = {**file.cutting, **file.settings}
     written.insert(1, write_report(folder / "report.html", result, scene, files, settings))
-    print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
-    return EXIT_INTERRUPTED if result.status == "interrupted" else 0
+    return result, written
 
 
 def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list[Take]]:

@@ -1,7 +1,7 @@
 """Takes: recordings with the scene that each is of, prepared for a search together."""
 
 import dataclasses
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -26,7 +26,6 @@ from jaxfem.stepping import check_call, typed
 class Take:
     """A `recording` of `markers` (attached ones, or places by name [m]) on the scene (`model`, `params`, `state`), in
     steps of about `dt` [s]; `frame`, `compare`, `release`, `end` as in `jaxfem.fit`. `name`: its word in tables.
-    `finer()`: (model, params, state) of the same scene on a finer mesh, where `refine` is to ask for it.
     """
 
     model: Model
@@ -40,7 +39,6 @@ class Take:
     release: Any = "auto"
     end: Any = None
     name: str = "take"
-    finer: Callable[[], tuple[Model, Params, State]] | None = None
 
 
 @dataclasses.dataclass(frozen=True)

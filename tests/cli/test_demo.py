@@ -19,7 +19,14 @@ def test_the_demo_runs_through_and_leaves_its_files(tmp_path, capsys):
     found = json.loads((tmp_path / "fitted" / "fitted.json").read_text())
     for name, value in demo.TRUE.items():
         assert abs(found["values"][name] - value) < 4 * found["standard_errors"][name] < 0.5 * value
-    for name in ("beam.toml", "fit.toml", "simulated/beam.pvd", "fitted/loss.png", "fitted/residuals.csv"):
+    for name in (
+        "beam.toml",
+        "fit.toml",
+        "simulated/beam.pvd",
+        "fitted/report.html",
+        "fitted/loss.png",
+        "fitted/residuals.csv",
+    ):
         assert (tmp_path / name).is_file()
     recording = read_recording(tmp_path / "recording.csv")
     assert not recording.seen.all() and recording.names == tuple(demo.MARKERS)

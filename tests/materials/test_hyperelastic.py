@@ -223,7 +223,7 @@ def test_derivatives_in_all_constants(name):
 
 @pytest.mark.slow
 def test_derivatives_where_an_element_is_inside_out():
-    """And where stretches are equal, as in a body at rest that is turned: neither is an exception."""
+    """All elements mirrored: no exception to the law, nor to its derivatives."""
     law = DERIVED["neo_hookean"]
     model, params, state = bar(law, cells=(1, 1, 1), build={"tolerance": 1e-13})
     free = np.asarray(model.free) > 0
