@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.io.export import FrameWriter, read_frames
+from jaxfem.io.export import FrameWriter
 from jaxfem.io.fields import computed
+from jaxfem.io.reading import read_frames
 
 ELASTIC = {"young": 1e5, "poisson": 0.3, "damping": 2e-3}
 LAWS = {

@@ -6,9 +6,9 @@ import webbrowser
 from pathlib import Path
 from typing import Any
 
-from jaxfem.io.export import Frame, read_frames
 from jaxfem.io.live import show
 from jaxfem.io.pages import graphs_of, write_page
+from jaxfem.io.reading import Frame, read_frames
 from jaxfem.io.scene_files import SceneFileError
 
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.io.export import Frame, read_frames
 from jaxfem.io.page_meshes import Shown, shown_parts
+from jaxfem.io.reading import Frame, read_frames
 
 MISSING = "to look at frames live, install viser: pip install 'jaxfem[live]'"
 PLAIN = "plain"

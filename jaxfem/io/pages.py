@@ -11,9 +11,9 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.io.export import Frame
 from jaxfem.io.fields import FIELDS
 from jaxfem.io.page_meshes import Shown, quantised, shown_parts
+from jaxfem.io.reading import Frame
 
 HERE = Path(__file__).parent / "page"
 TEXTS = {"STYLE": ("page.css",), "SCRIPT": ("numbers.js", "parts.js", "graphs.js", "player.js")}

@@ -11,7 +11,8 @@ import pytest
 import jaxfem as jf
 from jaxfem.cli.main import main
 from jaxfem.io import live
-from jaxfem.io.export import FrameWriter, read_frames
+from jaxfem.io.export import FrameWriter
+from jaxfem.io.reading import read_frames
 
 
 @pytest.fixture(scope="module")

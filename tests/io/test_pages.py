@@ -14,9 +14,9 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.cli.main import main
-from jaxfem.io.export import Frame
 from jaxfem.io.pages import HERE, write_page
 from jaxfem.io.parts import Part
+from jaxfem.io.reading import Frame
 
 TYPES = {"u1": np.uint8, "u2": "<u2", "u4": "<u4", "f4": "<f4"}
 BROWSER = next(
