@@ -42,7 +42,7 @@ def nearest_rotation(F: Any) -> Array:
     matrices take the top eigenvector of Davenport's quaternion matrix (Davenport 1968, Horn 1987) by Jacobi
     rotations, with an error of about eps |F| / (s2 + s3). Derivative as in Papadopoulo & Lourakis 2000.
     """
-    return _stack(polar_components(_components(F)))
+    return jnp.asarray(_nearest(jnp.asarray(F)))  # outside jit its loop would be compiled anew, and kept, at each call
 
 
 def polar_components(F: Sequence[Sequence[Array]]) -> Components:
@@ -51,6 +51,9 @@ def polar_components(F: Sequence[Sequence[Array]]) -> Components:
     F[i][j] are arrays of one shape (a (3, 3, ...) array will do) -> R[i][j]; all else as for `nearest_rotation`.
     """
     return _polar(_matrix(lambda i, j: F[i][j]))
+
+
+_nearest = jax.jit(lambda F: _stack(polar_components(_components(F))), inline=True)
 
 
 @jax.custom_jvp
@@ -160,6 +163,7 @@ def _davenport(F: Components) -> Array:
     return jnp.moveaxis(quaternion_to_matrix(jnp.moveaxis(q, 0, -1)), (-2, -1), (0, 1))
 
 
+@functools.partial(jax.jit, inline=True)
 def rotation_gap(F: Any, R: Any) -> Array:
     """How well the rotation is determined: s2 + s3 >= 0, the smallest eigenvalue of tr(S) I - S, S = R' F.
 

@@ -161,4 +161,4 @@ def _solution(result: FitResult) -> tuple[Evaluator, Any]:
     if result.solution is None:
         raise FitError("this result holds no solution to go on from: take the one that fit returned")
     evaluator, best = result.solution
-    return evaluator, best
+    return evaluator.apart(), best

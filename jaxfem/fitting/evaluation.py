@@ -77,6 +77,10 @@ class Evaluator:
         other.history = self.history
         return other
 
+    def apart(self) -> "Evaluator":
+        """The same fit with a history of its own, of which nobody is told."""
+        return Evaluator(self.pieces, self.unknowns, None, self.priors, self.variance)
+
     def residual(self, z: np.ndarray) -> tuple[list[np.ndarray], list[Outcome]]:
         """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
         found = [residuals(each.at(z), each.problem, each.plan) for each in self.pieces]

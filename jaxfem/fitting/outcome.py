@@ -73,7 +73,7 @@ def result_of(
         status="steps failed" if status == "converged" and failed else status,
         warnings=(*faults, *warnings),
         repairs=tuple(repairs),
-        solution=(evaluator, best),
+        solution=(evaluator.apart(), best),  # without the caller's `progress`, and what it holds
     )
 
 

@@ -146,7 +146,7 @@ def _held_out(takes: Sequence[Take], held_out: Sequence[str]) -> tuple[str, ...]
     for name in out:
         if name not in names:
             raise FitError(f'held_out names no take "{name}"; takes: {", ".join(names)}')
-    if len(out) == len(names):
+    if names and len(out) == len(names):
         raise FitError("all takes are held out: leave one to be fitted")
     return out
 

@@ -1,7 +1,10 @@
 """Several recordings at once, some held out; what is known before; markers of different quality; outliers."""
 
 import dataclasses
+import gc
+import weakref
 
+import jax
 import numpy as np
 import pytest
 
@@ -210,3 +213,45 @@ def test_held_values_and_marker_places_add_what_refits_show(beam):
     for held, message in (({"young": 0.1}, "young was fitted"), ({"friction": 0.1}, 'no constant "friction"')):
         with pytest.raises(FitError, match=message):
             contributions(found, held)
+
+
+@pytest.mark.slow
+def test_equal_fits_compile_once_and_leave_nothing_behind(beam):
+    """What one fit compiled serves the next: its time, and its memory in a process that fits hundreds."""
+    compiled: list[str] = []
+    jax.monitoring.register_event_duration_secs_listener(
+        lambda event, *_, **__: compiled.append(event) if "backend_compile" in event else None
+    )
+
+    def fitted(seed, frame):
+        heard = Heard()
+        take = dataclasses.replace(beam.take("take", seed=seed), frame=frame)
+        other = dataclasses.replace(beam.take("other", seed=seed + 1), frame=frame)
+        found = fit_takes(
+            [take, other], parameters=tuple(TRUE), held_out="other", search=QUICK, progress=heard, checks="warn"
+        )
+        return found, weakref.ref(heard)
+
+    for frame in ("none", "rest"):
+        fitted(0, frame)
+        before = len(compiled)
+        kept = [fitted(seed, frame) for seed in (1, 2)]
+        assert len(compiled) == before
+        gc.collect()
+        assert all(heard() is None for _, heard in kept)  # a result does not hold what was told of its making
+
+
+class Heard:
+    """Who is told of a fit's progress."""
+
+    def __call__(self, *visit):
+        pass
+
+
+def test_nearests_outside_jit_compile_once():
+    from jaxfem.rotation import _nearest
+
+    before = _nearest._cache_size()
+    for size in (1.0, 2.0, 3.0):
+        np.testing.assert_allclose(jf.rotation.nearest_rotation(size * np.eye(3)[None, None]), np.eye(3)[None, None])
+    assert _nearest._cache_size() == before + 1
