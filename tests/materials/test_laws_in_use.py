@@ -83,7 +83,7 @@ def test_rest_and_modes_of_a_stretched_bar():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", [each for each in LAWS if each != "j2_plastic"])
+@pytest.mark.parametrize("name", LAWS)
 def test_lanes_and_single_precision(name):
     """Each lane of vmap is its own run, and float32 keeps its digits."""
     law = LAWS[name]
