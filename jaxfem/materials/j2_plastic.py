@@ -81,12 +81,12 @@ class J2Plastic(RotatedLaw, word="j2_plastic"):
         _, excess, stiffness = self._trial(values, strain, internal)
         elastic = strain - internal["plastic"]
         mu = shear_modulus(values["young"], values["poisson"])
-        return mu * jnp.sum(elastic**2, axis=0) - 0.5 * jnp.maximum(excess, 0) ** 2 / stiffness
+        return mu * jnp.sum(elastic**2, axis=0) - 0.5 * beyond_yield(excess) ** 2 / stiffness
 
     def commit(self, values: Values, internal: Memory, strain: Array, dt: Array, rows: slice) -> Memory:
         """The return to the surface of yield."""
         direction, excess, stiffness = self._trial(values, strain[-5:], internal)
-        flow = jnp.maximum(excess, 0) / stiffness
+        flow = beyond_yield(excess) / stiffness
         return {
             "plastic": internal["plastic"] + flow * direction,
             "hardening": internal["hardening"] + ROOT * flow,
@@ -132,6 +132,11 @@ class J2Plastic(RotatedLaw, word="j2_plastic"):
         size = jnp.sqrt(jnp.where(beyond, square, surface**2))
         excess = jnp.where(beyond, size - surface, -surface)
         return relative / size, excess, 2 * mu + 2 / 3 * (grown + moved)
+
+
+def beyond_yield(excess: Array) -> Array:
+    """The positive part of the excess; at the edge itself its derivative is that of within, no mean of both sides."""
+    return jnp.where(excess > 0, excess, 0)
 
 
 ROOT = (2 / 3) ** 0.5
