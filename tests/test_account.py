@@ -8,8 +8,9 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.io.export import FrameWriter, read_frames
+from jaxfem.io.export import FrameWriter
 from jaxfem.io.fields import computed
+from jaxfem.io.reading import read_frames
 
 ELASTIC = {"young": 1e5, "poisson": 0.3, "damping": 2e-3}
 LAWS = {
@@ -147,7 +148,7 @@ def test_losses_of_a_branch_are_exact_at_any_step():
     rng = np.random.default_rng(3)
     spring, change = rng.standard_normal((2, 5, 4))
     for dt in (1e-7, 1e-3, 0.03, 3.0):
-        before = law.internal0(jnp.zeros((6, 4)))._replace(springs=(jnp.asarray(spring),))
+        before = law.internal0(jnp.zeros((6, 4)))._replace(springs=jnp.asarray(spring)[None])
         end = jnp.zeros((6, 4)).at[1:].set(change)
         after = law.commit(law.values, before, end, dt, rows)
         lost = law.dissipated(law.values, before, after, end, 2.0 * jnp.ones((6, 4)), dt, rows)["viscous"]

@@ -31,6 +31,7 @@ from jaxfem.cli import (
 )
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
+from jaxfem.io.live import LiveError
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.materials.constants import MaterialError
@@ -58,6 +59,7 @@ USER_ERRORS = (
     MeshError,
     jaxfem.StepError,
     jaxfem.FitError,
+    LiveError,
     jaxfem.SweepError,
     PlotError,
     ImportError,  # of --import, or an extra that is missing

@@ -1,4 +1,5 @@
-"""`jaxfem mesh info` and `jaxfem mesh make`: what is in a mesh file and how good it is; a mesh inside a surface."""
+"""`jaxfem mesh info` and `jaxfem mesh make`: what is in a mesh file and how good it is; a mesh inside a surface
+or a CAD model."""
 
 import argparse
 import re
@@ -7,7 +8,8 @@ from typing import Any
 
 from jaxfem.cli.messages import warning
 from jaxfem.io.plots import PlotError, plot_mesh
-from jaxfem.mesh import from_surface, read_surface, report_text, write
+from jaxfem.mesh import MeshError, TetMesh, from_cad, from_surface, read_surface, report_text, write
+from jaxfem.mesh.cad import SUFFIXES
 
 UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
@@ -21,12 +23,15 @@ def add(subparsers: Any) -> None:
     info.add_argument("--scale", type=float, metavar="S", help="length of the file's unit in m (mm: 1e-3)")
     info.add_argument("--merge", action="store_true", help="make nodes one that lie on top of another")
     info.set_defaults(run=run)
-    make = actions.add_parser("make", help="fill a surface with tetrahedra")
+    make = actions.add_parser("make", help="fill a surface or a CAD model with tetrahedra")
     make.add_argument(
-        "file", metavar="SURFACE", help="a surface: .stl, .obj, .ply, .off, ...; it may be open and cracked"
+        "file",
+        metavar="SURFACE",
+        help="a surface: .stl, .obj, .ply, .off, ...; it may be open and cracked; or a CAD model: .step, .iges, .brep",
     )
     make.add_argument("--size", type=length, metavar="L", help="length of edges, like 5mm or 0.005 (m)")
-    make.add_argument("--scale", type=float, metavar="S", help="length of the file's unit in m (mm: 1e-3)")
+    make.add_argument("--finest", type=length, metavar="L", help="of a CAD model: shorter edges where it is curved")
+    make.add_argument("--scale", type=float, metavar="S", help="length of a surface's unit in m (mm: 1e-3)")
     make.add_argument("--out", metavar="MESH", help="the mesh, instead of SURFACE.vtu")
     make.add_argument("--seconds", type=float, default=300.0, metavar="T", help="how long it may take (300)")
     make.add_argument("--no-plots", action="store_true", help="draw no picture")
@@ -40,10 +45,10 @@ def run(args: argparse.Namespace) -> int:
 
 
 def run_make(args: argparse.Namespace) -> int:
-    """Fill the surface, write mesh and picture, print the report; 0."""
+    """Fill the surface or model, write mesh and picture, print the report; 0."""
     source = Path(args.file)
     target = Path(args.out) if args.out else source.with_suffix(".vtu")
-    mesh = from_surface(*read_surface(source, args.scale), args.size, source.stem, seconds=args.seconds)
+    mesh = _made(source, args)
     write(target, mesh)
     made = [target.name]
     if not args.no_plots:
@@ -53,6 +58,17 @@ def run_make(args: argparse.Namespace) -> int:
             warning(f"{problem}; going on without a picture")
     print("\n".join([*mesh.notes, report_text(target, scale=1.0), f"wrote {', '.join(made)} in {target.parent}"]))
     return 0
+
+
+def _made(source: Path, args: argparse.Namespace) -> TetMesh:
+    """A CAD model knows its unit and what of it is curved, a surface does not."""
+    if source.suffix.lower() in SUFFIXES:
+        if args.scale is not None:
+            raise MeshError(f"--scale is not for {source.name}: a CAD model knows its unit")
+        return from_cad(source, args.size, finest=args.finest, seconds=args.seconds)
+    if args.finest is not None:
+        raise MeshError(f"--finest is for CAD models ({', '.join(SUFFIXES)}), and {source.name} is none")
+    return from_surface(*read_surface(source, args.scale), args.size, source.stem, seconds=args.seconds)
 
 
 def length(text: str) -> float:

@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.cli.messages import warning
@@ -15,7 +16,7 @@ from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status
-from jaxfem.stepping.frames import begin, frames
+from jaxfem.stepping.frames import Seen, Watch, begin, frames
 
 PACE = 0.5  # s that a call may take: an interruption is heard, and what was reached is written, between calls
 GROWTH = 4  # of the number of frames a call, from one
@@ -86,14 +87,22 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
     if fresh:
         bar.compiling()
     begun = time.perf_counter()
-    options = {"most": run.most, "halvings": run.halvings}
+    options: dict[str, Any] = {"most": run.most, "halvings": run.halvings}
+    points = writer.points
+    options |= {
+        "watch": Watch(jnp.asarray(points.nodes), jnp.asarray(points.weights, run.model.rest.dtype)),
+        "rows": _room(run),
+    }
     made = jax.block_until_ready(frames(run.model, run.params, run.state, run.dt, count, every, **options))
     run.chunks.append((count * every, time.perf_counter() - begun))
     # Through the host, where the frame is written anyway: on the device each shape would take a program of its own.
     rows = jax.tree.map(np.asarray, made)
     for number in range(count):
-        following, info = jax.tree.map(lambda leaf, at=number: leaf[at], rows)
-        _frame(run, writer, bar, following, info, every)
+        following, info = jax.tree.map(lambda leaf, at=number: leaf[at], rows[:2])
+        steps = [
+            jax.tree.map(lambda leaf, at=at: leaf[at], rows[2]) for at in range(number * every, (number + 1) * every)
+        ]
+        _frame(run, writer, bar, following, info, steps)
         if run.problem:
             return
         bar.advance(every, f"t = {run.done * run.dt:.4g} s", compiled=fresh)
@@ -108,25 +117,40 @@ def _affordable(run: Run) -> int:
     return int(np.clip(PACE / max(seconds, 1e-9) * last, 1, min(GROWTH * last, run.most)))
 
 
-def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info: StepInfo, count: int) -> None:
-    """Take note of a frame, `count` steps after the last: written, or the end of the run."""
+def _room(run: Run) -> int:
+    """Rows of steps that a call's arrays hold: a power of two, so that other frames a run seldom need a new program."""
+    return 1 << (run.most * run.every - 1).bit_length()
+
+
+def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info: StepInfo, steps: list[Seen]) -> None:
+    """Take note of a frame and the `steps` to it from the last: written, or the end of the run."""
+    count = len(steps)
     if _failed(following, info):
         # The run has stopped there: its time says at which step.
         taken = max(1, math.ceil((float(following.time) - float(run.state.time)) / run.dt - 1e-3))
         run.problem = _problem(run, run.done + min(taken, count), following, info)
         run.done += min(taken, count) - 1
+        _recorded(writer, steps[: min(taken, count) - 1])
         return
     if int(info.inverted) and not run.warned:
         bar.clear()
         warning(_inversion(run, int(info.inverted), count, following))
         run.warned = True
     run.state, run.done = following, run.done + count
-    _written(run, writer)
+    _recorded(writer, steps)
+    _written(run, writer, recorded=True)
 
 
-def _written(run: Run, writer: FrameWriter) -> None:
+def _recorded(writer: FrameWriter, steps: list[Seen]) -> None:
+    """A row of the tables for each step."""
+    for each in steps:
+        energies = {kind: float(value) for kind, value in each.energies.items()}
+        writer.record(float(each.time), energies, np.asarray(each.places))
+
+
+def _written(run: Run, writer: FrameWriter, recorded: bool = False) -> None:
     """A frame of the state, and the state itself, from which a run can go on."""
-    writer.write(run.state)
+    writer.write(run.state, recorded)
     save_checkpoint(checkpoint_path(writer.index), run.state, run.done, run.dt, len(writer.saved))
 
 

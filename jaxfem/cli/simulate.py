@@ -11,8 +11,9 @@ from jaxfem.cli.messages import error, warning
 from jaxfem.cli.running import Run, advance
 from jaxfem.energies import with_account
 from jaxfem.io.checkpoints import checkpoint_path, listed_frames, load_checkpoint
-from jaxfem.io.export import FrameWriter, read_frame, read_part
+from jaxfem.io.export import FrameWriter
 from jaxfem.io.plots import PlotError, plot_energies, plot_series, plot_shapes, require_matplotlib
+from jaxfem.io.reading import read_frame, read_part
 from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 from jaxfem.mesh.topology import boundary_faces
 
@@ -104,7 +105,7 @@ def _can_plot() -> bool:
 
 def _plots(writer: FrameWriter) -> list[Path]:
     """Energies over time, the first, middle and last shape, and how far tracked points moved."""
-    made = [plot_energies(writer.folder / "energies.png", writer.times, writer.energies)]
+    made = [plot_energies(writer.folder / "energies.png", writer.row_times, writer.energies)]
     shapes = _shapes(writer)
     made += [] if shapes is None else [shapes]
     moved = {name: path - path[0] for name, path in writer.paths.items()}
@@ -112,7 +113,7 @@ def _plots(writer: FrameWriter) -> list[Path]:
         lines = {f"{name} {axis}": path[:, i] for name, path in moved.items() for i, axis in enumerate("xyz")}
         if len(moved) > FEW_POINTS:
             lines = {name: (path**2).sum(axis=1) ** 0.5 for name, path in moved.items()}
-        made.append(plot_series(writer.folder / "points.png", writer.times, lines, "displacement", "m"))
+        made.append(plot_series(writer.folder / "points.png", writer.row_times, lines, "displacement", "m"))
     return made
 
 

@@ -1,12 +1,14 @@
 """`jaxfem view`: the results of a run as one page that plays them in any browser."""
 
 import argparse
+import threading
 import webbrowser
 from pathlib import Path
 from typing import Any
 
-from jaxfem.io.export import read_frames
+from jaxfem.io.live import show
 from jaxfem.io.pages import graphs_of, write_page
+from jaxfem.io.reading import Frame, read_frames
 from jaxfem.io.scene_files import SceneFileError
 
 
@@ -22,21 +24,40 @@ def add(subparsers: Any) -> None:
     parser.add_argument("--out", metavar="PAGE.html", help="the page, instead of NAME.html beside the index")
     parser.add_argument("--most", type=float, default=10.0, metavar="MB", help="frames are left out beyond (10)")
     parser.add_argument("--open", action="store_true", help="open it in the browser")
+    parser.add_argument("--live", action="store_true", help="serve a live viewer in place of the page (viser)")
+    parser.add_argument("--port", type=int, default=8080, metavar="N", help="of the live viewer (8080)")
     parser.set_defaults(run=run)
 
 
 def run(args: argparse.Namespace) -> int:
-    """Write the page; 0."""
+    """Write the page, or serve a viewer until it is interrupted; 0."""
     index = _index(Path(args.results))
     frames = read_frames(index)
     target = Path(args.out) if args.out else index.with_suffix(".html")
     if not frames:
         raise SceneFileError(f"{index} lists no frame: the run ended before its first one")
+    if args.live:
+        return _served(frames, args)
     path, held = write_page(target, frames, index.stem, graphs_of(index.parent), args.most * 1e6)
     left = f", {held} of {len(frames)} frames, to stay below {args.most:g} MB (--most)" if held < len(frames) else ""
     print(f"wrote {path} ({path.stat().st_size / 1e6:.2g} MB{left}): open it in a browser")
     if args.open:
         webbrowser.open(path.resolve().as_uri())
+    return 0
+
+
+def _served(frames: list[Frame], args: argparse.Namespace) -> int:
+    """A live viewer, until Ctrl-C."""
+    viewer = show(frames, port=args.port)
+    print(f"{viewer.address} plays {len(frames)} frames; Ctrl-C ends it", flush=True)
+    if args.open:
+        webbrowser.open(viewer.address)
+    try:
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        pass
+    finally:
+        viewer.stop()
     return 0
 
 

@@ -1,8 +1,9 @@
 """Files in and out: scenes in TOML, frames for ParaView, tables and plots."""
 
 from .examples import beam_scene
-from .export import Frame, FrameWriter, read_frames
+from .export import FrameWriter
 from .plots import PlotError, plot_energies, plot_series, plot_shapes
+from .reading import Frame, read_frames
 from .scene_files import SceneFile, SceneFileError, load_scene
 
 __all__ = [

@@ -62,10 +62,11 @@ def listed_frames(index: Path) -> list[tuple[float, Path, dict[str, Path]]]:
     return found
 
 
-def trimmed_table(path: Path, rows: int) -> tuple[list[str], np.ndarray]:
-    """Head and numbers of a table of a run, once all beyond the first `rows` have been cut off the file."""
+def trimmed_table(path: Path, until: float) -> tuple[list[str], np.ndarray]:
+    """Head and numbers of a table of a run, once all later than the time `until` [s] has been cut off the file."""
     with open(path, newline="", encoding="utf-8") as file:
-        lines = list(csv.reader(file))[: rows + 1]
+        head, *lines = list(csv.reader(file))
+    lines = [line for line in lines if float(line[0]) <= until * (1 + 1e-6)]
     with open(path, "w", newline="", encoding="utf-8") as file:
-        csv.writer(file, lineterminator="\n").writerows(lines)
-    return lines[0], np.array([[float(value) for value in line] for line in lines[1:]])
+        csv.writer(file, lineterminator="\n").writerows([head, *lines])
+    return head, np.array([[float(value) for value in line] for line in lines]).reshape(-1, len(head))

@@ -2,7 +2,6 @@
 
 import contextlib
 import csv
-import dataclasses
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -21,40 +20,24 @@ from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
 from jaxfem.io.skins import skin
 from jaxfem.io.tracked import Tracked
-from jaxfem.mesh.formats.foreign import read_block, write_foreign
+from jaxfem.mesh.formats.foreign import write_foreign
 from jaxfem.model import Model, Params, State
 
 SHORT = 500  # frames that an index lists before it is rewritten less often
 
 
-@dataclasses.dataclass(frozen=True)
-class Frame:
-    """One saved frame: `time` [s], `positions` (n, 3) [m], `cells` (E, 4), and its `fields` by name, each an attribute
-    too: `displacement` [m] and `velocity` [m/s] (n, 3), of each element (E,) its `body` (number in the scene) and
-    `von_mises` stress [Pa], and whatever else is registered in `jaxfem.io.fields`; of laws with a memory von Mises
-    values of what they remember, like `von_mises_plastic_strain`; where a run asks for them the tensors `stress` [Pa],
-    `strain`, `plastic_strain`, ... (E, 6): xx, yy, zz, xy, yz, xz in the world's axes. `parts`: what else there is to
-    see, by the names of `jaxfem.io.parts`; a part that is empty is not there."""
-
-    time: float
-    positions: np.ndarray
-    cells: np.ndarray
-    fields: dict[str, np.ndarray]
-    parts: dict[str, Part] = dataclasses.field(default_factory=dict)
-
-    def __getattr__(self, name: str) -> np.ndarray:  # only for what is no attribute of its own
-        fields: dict[str, np.ndarray] = vars(self).get("fields", {})
-        if name in fields:
-            return fields[name]
-        raise AttributeError(f"the frame has no field {name!r}; it has {', '.join(fields)}")
-
-
 class Saved(NamedTuple):
-    """What stays in memory of a frame: `time` [s], its `path` and `parts`, `energies` [J], tracked `places` (q, 3)."""
+    """What stays in memory of a frame: `time` [s], its `path` and `parts`."""
 
     time: float
     path: Path
     parts: dict[str, Path]
+
+
+class Row(NamedTuple):
+    """A row of the tables: `time` [s], `energies` [J], tracked `places` (q, 3)."""
+
+    time: float
     energies: dict[str, float]
     places: np.ndarray
 
@@ -70,8 +53,8 @@ class FrameWriter:
     frames/NAME_00000_contacts.vtu and so on: joints, contacts, loads, tracked points, embedded surfaces and, where the
     `scene` is given, the surfaces of rigid bodies and ground; forces in them where the time step `dt` [s] is.
     `tensors`: whether frames hold stress and strain as tensors; `fields`: names of those that they hold, all without
-    it. energies.csv has what the states' account books too. Frames of an earlier run of that name are removed, all but
-    the first `kept`, behind which the writer goes on.
+    it. energies.csv has what the states' account books too; `record` adds rows between frames. Frames of an earlier run
+    of that name are removed, all but the first `kept`, behind which the writer goes on.
     SceneError for a point outside every body or an unknown field.
     """
 
@@ -96,6 +79,7 @@ class FrameWriter:
         self.fields = None if fields is None else tuple(fields)
         self.shown = Shown(model, params, *surfaces(scene, model), dt, skin(scene))
         self.saved: list[Saved] = []
+        self.rows: list[Row] = []
         self.kept = kept
         self._last: dict[str, tuple[np.ndarray, Path]] = {}
         self._open = contextlib.ExitStack()
@@ -123,24 +107,29 @@ class FrameWriter:
 
     def _recall(self) -> None:
         """What is kept of an earlier run: its frames from the index, their energies and points from the tables."""
-        head, rows = trimmed_table(self.folder / "energies.csv", self.kept)
-        kinds = [name.removesuffix("_J") for name in head[1:]]
-        energies = [dict(zip(kinds, row[1:].tolist(), strict=True)) for row in rows]
-        places = np.zeros((self.kept, len(self.points.names), 3))
-        if self.points.names:
-            places = trimmed_table(self.folder / "points.csv", self.kept)[1][:, 1:].reshape(places.shape)
-        if self.model.rigid is not None:
-            trimmed_table(self.folder / "rigid.csv", self.kept)
         frames = listed_frames(self.index)[: self.kept]
-        self.saved = [Saved(*frame, row, place) for frame, row, place in zip(frames, energies, places, strict=True)]
+        self.saved = [Saved(*frame) for frame in frames]
+        until = frames[-1][0]
+        head, rows = trimmed_table(self.folder / "energies.csv", until)
+        kinds = [name.removesuffix("_J") for name in head[1:]]
+        places = np.zeros((len(rows), len(self.points.names), 3))
+        if self.points.names:
+            places = trimmed_table(self.folder / "points.csv", until)[1][:, 1:].reshape(places.shape)
+        if self.model.rigid is not None:
+            trimmed_table(self.folder / "rigid.csv", until)
+        self.rows = [
+            Row(float(row[0]), dict(zip(kinds, row[1:].tolist(), strict=True)), place)
+            for row, place in zip(rows, places, strict=True)
+        ]
 
     def __exit__(self, *problem: Any) -> None:
         self._open.close()
         if self.saved:  # the last frames may not be listed yet
             self._write_index()
 
-    def write(self, state: State) -> Path:
-        """Write one frame of the state and a row of each table; returns the frame's path."""
+    def write(self, state: State, recorded: bool = False) -> Path:
+        """Write one frame of the state and, unless it was `recorded` already, a row of each table; returns the frame's
+        path."""
         fields, energy = _computed(self.model, self.params, state, tuple(FIELDS), self.tensors, self.fields)
         positions, time = np.asarray(state.positions), float(state.time)
         if self._rigid_row is not None and state.rigid is not None:
@@ -150,19 +139,27 @@ class FrameWriter:
         mesh = _frame_mesh(self.model, state, {name: np.asarray(each) for name, each in fields.items()})
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
-        row, places = {kind: float(value) for kind, value in energy.kinds.items()}, self.points.at(positions)
+        places = self.points.at(positions)
         made = {name: make(self.shown, state, places) for name, make in PARTS.items()}
         parts = {name: part for name, part in made.items() if part is not None and len(part.points)}
         paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
-        self.saved.append(Saved(time, path, paths, row, places))
+        self.saved.append(Saved(time, path, paths))
         if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
             self._write_index()
-        if self._energy_row is None:
-            self._energy_row = self._table("energies.csv", ["time_s", *(f"{kind}_J" for kind in row)])
-        self._energy_row([time, *row.values()])
-        if self._point_row is not None:
-            self._point_row([time, *self.saved[-1].places.ravel()])
+        if not recorded:
+            self.record(time, {kind: float(value) for kind, value in energy.kinds.items()}, places)
         return path
+
+    def record(self, time: float, energies: Mapping[str, float], places: np.ndarray) -> None:
+        """A row of energies.csv [J] and of points.csv (q, 3) [m], also of a step between frames."""
+        kinds = self.rows[0].energies if self.rows else energies  # in the order of the first
+        energies = {kind: energies[kind] for kind in kinds}
+        self.rows.append(Row(time, energies, places))
+        if self._energy_row is None:
+            self._energy_row = self._table("energies.csv", ["time_s", *(f"{kind}_J" for kind in energies)])
+        self._energy_row([time, *energies.values()])
+        if self._point_row is not None:
+            self._point_row([time, *places.ravel()])
 
     def _part_file(self, frame: Path, name: str, part: Part) -> Path:
         """Write a part beside its frame; one that stands still, the very points of the last, is in its file already."""
@@ -180,15 +177,20 @@ class FrameWriter:
         return np.array([each.time for each in self.saved])
 
     @property
+    def row_times(self) -> np.ndarray:
+        """Times of the tables' rows (k,) [s]."""
+        return np.array([each.time for each in self.rows])
+
+    @property
     def energies(self) -> dict[str, np.ndarray]:
-        """Kind -> energy at each saved frame (k,) [J]."""
-        kinds = self.saved[0].energies if self.saved else {}
-        return {kind: np.array([each.energies[kind] for each in self.saved]) for kind in kinds}
+        """Kind -> energy at each row (k,) [J]."""
+        kinds = self.rows[0].energies if self.rows else {}
+        return {kind: np.array([each.energies[kind] for each in self.rows]) for kind in kinds}
 
     @property
     def paths(self) -> dict[str, np.ndarray]:
-        """Name of each tracked point -> its places (k, 3) [m]."""
-        return {name: np.array([each.places[i] for each in self.saved]) for i, name in enumerate(self.points.names)}
+        """Name of each tracked point -> its places at each row (k, 3) [m]."""
+        return {name: np.array([each.places[i] for each in self.rows]) for i, name in enumerate(self.points.names)}
 
     def files(self) -> list[Path]:
         """The index and the tables, for a summary."""
@@ -263,29 +265,3 @@ def replaced(path: Path) -> Iterator[Path]:
     except BaseException:  # an interruption too must leave nothing half written
         temporary.unlink(missing_ok=True)
         raise
-
-
-def read_frames(index: Any) -> list[Frame]:
-    """All frames that a PVD index lists, in its order. FileNotFoundError where a file is missing."""
-    index = Path(index)
-    if not index.is_file():
-        raise FileNotFoundError(f"no index of frames {index}: give the .pvd file that a run wrote")
-    frames = []
-    for time, path, parts in listed_frames(index):
-        frames.append(read_frame(path, time))
-        frames[-1].parts.update({name: read_part(each) for name, each in parts.items()})
-    return frames
-
-
-def read_frame(path: Any, time: float = 0.0) -> Frame:
-    """One VTU frame; `time` [s] is not in the file but in the index."""
-    if not Path(path).is_file():
-        raise FileNotFoundError(f"no frame {path}: was it moved away from its index?")
-    points, _, cells, nodal, elementwise = read_block(path)
-    return Frame(time, points, cells, {**nodal, **elementwise})
-
-
-def read_part(path: Path) -> Part:
-    """A part of a frame."""
-    points, kind, cells, nodal, cellwise = read_block(path)
-    return Part(points, kind, cells, nodal, cellwise)

@@ -14,10 +14,10 @@ import jax
 import numpy as np
 
 from jaxfem.fitting.result import FitResult, TakeFit, length
-from jaxfem.io.export import Frame
 from jaxfem.io.fit_svg import chart, heat
 from jaxfem.io.pages import page_text
 from jaxfem.io.parts import Part
+from jaxfem.io.reading import Frame
 from jaxfem.model import Model, State
 from jaxfem.stepping import rollout
 

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxfem.io.export import Frame
 from jaxfem.io.parts import Part
+from jaxfem.io.reading import Frame
 from jaxfem.mesh.topology import boundary_faces
 
 COLOURS = {

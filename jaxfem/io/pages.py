@@ -11,12 +11,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.io.export import Frame
 from jaxfem.io.fields import FIELDS
 from jaxfem.io.page_meshes import Shown, quantised, shown_parts
+from jaxfem.io.reading import Frame
 
 HERE = Path(__file__).parent / "page"
 TEXTS = {"STYLE": ("page.css",), "SCRIPT": ("numbers.js", "parts.js", "graphs.js", "player.js")}
+MOST_ROWS = 4000  # of a graph: more than a screen is wide
 UNITS = {"displacement": "m", "velocity": "m/s"}
 
 
@@ -141,8 +142,9 @@ def _unit(name: str) -> str:
 
 def _graph(title: str, times: np.ndarray, lines: Mapping[str, np.ndarray]) -> dict[str, Any]:
     unit = title[title.rfind("(") + 1 : -1] if title.endswith(")") else ""
-    shown = [{"name": name, "values": [_finite(value) for value in values]} for name, values in lines.items()]
-    return {"title": title, "unit": unit, "times": [float(time) for time in times], "lines": shown}
+    some = slice(None, None, 1 + (len(times) - 1) // MOST_ROWS)
+    shown = [{"name": name, "values": [_finite(value) for value in values[some]]} for name, values in lines.items()]
+    return {"title": title, "unit": unit, "times": [float(time) for time in times[some]], "lines": shown}
 
 
 def _finite(value: Any) -> float | None:

@@ -15,7 +15,7 @@ from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, 
 from jaxfem.materials.base import LAWS, Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant, MaterialError
 from jaxfem.materials.linear import Linear
-from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, cage, from_surface, read, read_surface
+from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, cage, from_cad, from_surface, read, read_surface
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
@@ -27,6 +27,7 @@ DRIVEN_KEYS = ("nodes", *MOTION_KEYS)
 MESH_KEYS = {
     "file": ("scale", "merge"),
     "surface": ("scale", "size"),
+    "cad": ("size", "finest"),
     "cage": ("scale", "elements", "size", "tets_per_cell"),
     "box": ("cells", "tets_per_cell", "origin"),
     "beam": ("cells_along", "tets_per_cell", "origin"),
@@ -144,6 +145,7 @@ def _mesh(table: Table, folder: Path) -> TetMesh:
     makers: dict[str, Callable[..., TetMesh]] = {
         "file": read,
         "surface": _filled,
+        "cad": from_cad,
         "cage": _cage,
         "box": box,
         "beam": beam,
@@ -168,6 +170,9 @@ def _mesh_arguments(kind: str, mesh: Table, folder: Path) -> dict[str, Any]:
             "scale": mesh.number("scale", None, positive=True),
             "size": mesh.number("size", None, unit="m", positive=True),
         }
+    if kind == "cad":
+        sizes = {key: mesh.number(key, None, unit="m", positive=True) for key in ("size", "finest")}
+        return {"path": folder / mesh.text("cad"), **sizes}
     if kind == "cage":
         sized = {"elements": mesh.integer("elements")} if "elements" in mesh else {}
         return {

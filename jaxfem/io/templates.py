@@ -52,6 +52,7 @@ MESHES: dict[str, Line] = {
     "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
     "ball": ("{ ball = 0.05, cells = 2, center = [0, 0, 0.2] }", "m, instead of mesh"),
     "surface": ('{ surface = "scan.stl", scale = 1e-3, size = 0.005 }', "instead of mesh: filled, edges of 5 mm"),
+    "cad": ('{ cad = "part.step", size = 0.005, finest = 0.001 }', "instead of mesh: in m, finer where it is curved"),
     "cage": ('{ cage = "scan.stl", scale = 1e-3, elements = 1500 }', "instead of mesh: grid cells around it"),
     "file": ('{ file = "part.msh", scale = 1e-3, merge = true }', "instead of mesh: in mm, doubled nodes joined"),
 }

@@ -28,10 +28,10 @@ SERIES = 1e-2
 
 
 class Relaxing(NamedTuple):
-    """What branches remember of each domain's rows that relax: their last `strain` (k, D), and each spring's (k, D)."""
+    """What b branches remember of rows that relax: each domain's last `strain` (k, D), and `springs` (b, k, D)."""
 
     strain: Array
-    springs: tuple[Array, ...]
+    springs: Array
 
 
 class Viscoelastic(Material, word="viscoelastic"):
@@ -90,7 +90,8 @@ class Viscoelastic(Material, word="viscoelastic"):
         values = self.values if values is None else values
         turn = 1j * jnp.asarray(frequencies)
         whole = 1 + turn * values["damping"]
-        relaxing = whole + sum(g * turn * tau / (1 + turn * tau) for g, tau in self._branches(values))
+        pairs = [(values[f"g_{k}"], values[f"tau_{k}"]) for k in range(1, self.branches + 1)]
+        relaxing = whole + sum(g * turn * tau / (1 + turn * tau) for g, tau in pairs)
         bulk, shear = self.stiffness(values)
         bulk, shear = bulk * (relaxing if self.part == "all" else whole), shear * relaxing
         known = {"young": ratio_and_modulus(bulk, shear)[1], "shear": shear / 2, "bulk": bulk / 3}
@@ -110,16 +111,14 @@ class Viscoelastic(Material, word="viscoelastic"):
         own = strain[max(len(strain) - 5, 0) if self.part == "deviatoric" else 0 :]
         if self.branches == 0 or (self.part == "deviatoric" and len(strain) == 1):
             return None
-        return Relaxing(own, tuple(spring(own) for _ in range(self.branches)))
+        return Relaxing(own, spring(jnp.broadcast_to(own, (self.branches, *own.shape))))
 
     def response(self, values: Values, internal: Relaxing, dt: Array, rows: slice) -> Response:
         """Linear in the strain `dt` later: see the head of this file."""
-        factor: Any = 1.0
-        known = jnp.zeros_like(internal.strain)
-        for (g, tau), spring in zip(self._branches(values), internal.springs, strict=True):
-            gain = g * follow(dt / tau)
-            factor = factor + gain
-            known = known + g * jnp.exp(-dt / tau) * spring - gain * internal.strain
+        g, x = self._branches(values, dt)
+        gain = g * follow(x)
+        factor = 1 + jnp.sum(gain, axis=0)
+        known = jnp.sum(beside(g * jnp.exp(-x)) * internal.springs, axis=0) - (factor - 1) * internal.strain
         still = jnp.zeros((rows.stop - rows.start - len(known), *known.shape[1:]), known.dtype)
         offset = jnp.concatenate([still, known / factor])
         return Response((factor if self.part == "all" else 1.0, factor), offset)
@@ -128,41 +127,39 @@ class Viscoelastic(Material, word="viscoelastic"):
         """The exact recursion over the step."""
         own = strain[len(strain) - len(internal.strain) :]
         change = own - internal.strain
-        pairs = zip(self._branches(values), internal.springs, strict=True)
-        springs = tuple(jnp.exp(-dt / tau) * spring + follow(dt / tau) * change for (_, tau), spring in pairs)
-        return Relaxing(own, springs)
+        _, x = self._branches(values, dt)
+        return Relaxing(own, beside(jnp.exp(-x)) * internal.springs + beside(follow(x)) * change)
 
     def tensors(self, values: Values, internal: Relaxing, strain: Array, rows: slice) -> dict[str, Array]:
         """The strain from which all stiffness, that of the branches too, would give the stress at once."""
-        total, share = jnp.zeros_like(internal.strain), 1.0
-        for (g, _), spring in zip(self._branches(values), internal.springs, strict=True):
-            total, share = total + g * (internal.strain - spring), share + g
+        g, _ = self._branches(values)
+        total = jnp.sum(beside(g) * (internal.strain - internal.springs), axis=0)
         still = jnp.zeros((len(strain) - len(total), *total.shape[1:]), total.dtype)
-        return {"viscous_strain": jnp.concatenate([still, total / share])}
+        return {"viscous_strain": jnp.concatenate([still, total / (1 + jnp.sum(g, axis=0))])}
 
     def stored(self, values: Values, internal: Relaxing, weights: Array, rows: slice) -> Array:
         """That of the branches' springs."""
         weights = weights[len(weights) - len(internal.strain) :]
-        stored = jnp.zeros_like(weights[0])
-        for (g, _), spring in zip(self._branches(values), internal.springs, strict=True):
-            stored = stored + 0.5 * g * jnp.sum(weights * spring**2, axis=0)
-        return stored
+        g, _ = self._branches(values)
+        return 0.5 * jnp.sum(beside(g) * weights * internal.springs**2, axis=(0, 1))
 
     def dissipated(
         self, values: Values, before: Relaxing, after: Relaxing, strain: Array, weights: Array, dt: Array, rows: slice
     ) -> dict[str, Array]:
         """That of the dashpots, g_i D s_i^2 / tau_i over the step, exactly for a constant strain rate."""
         weights = weights[len(weights) - len(before.strain) :]
-        change, lost = after.strain - before.strain, jnp.zeros_like(weights[0])
-        for (g, tau), spring in zip(self._branches(values), before.springs, strict=True):
-            old, both, new = lost_shares(dt / tau)
-            square = old * spring**2 + 2 * both * spring * change + new * change**2
-            lost = lost + g * jnp.sum(weights * square, axis=0)
-        return {"viscous": lost}
+        change = after.strain - before.strain
+        g, x = self._branches(values, dt)
+        old, both, new = map(beside, lost_shares(x))
+        square = old * before.springs**2 + 2 * both * before.springs * change + new * change**2
+        return {"viscous": jnp.sum(beside(g) * weights * square, axis=(0, 1))}
 
-    def _branches(self, values: Values) -> list[tuple[Any, Any]]:
-        """(g_i, tau_i) of each branch."""
-        return [(values[f"g_{k}"], values[f"tau_{k}"]) for k in range(1, self.branches + 1)]
+    def _branches(self, values: Values, dt: Any = 0.0) -> tuple[Array, Array]:
+        """g_i and `dt` / tau_i of all branches, each (b,) or (b, D)."""
+        numbers = range(1, self.branches + 1)
+        parts = [values[f"g_{k}"] for k in numbers] + [dt / values[f"tau_{k}"] for k in numbers]
+        both = jnp.stack(jnp.broadcast_arrays(*parts))
+        return both[: self.branches], both[self.branches :]
 
 
 NAMES = ("g", "tau")
@@ -188,6 +185,11 @@ def branch_constants(number: int) -> tuple[Constant, Constant]:
         plausible=(1e-9, 1e9),
     )
     return share, time
+
+
+def beside(numbers: Array) -> Array:
+    """Numbers of the branches, (b,) or (b, D), beside what they remember, (b, k, D)."""
+    return numbers[:, None, None] if numbers.ndim == 1 else numbers[:, None]
 
 
 def follow(x: Array) -> Array:

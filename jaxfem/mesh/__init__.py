@@ -1,5 +1,6 @@
 """Tetrahedral meshes: made, read, checked, measured. NumPy on the host; nothing here is traced by JAX."""
 
+from .cad import from_cad
 from .cages import cage
 from .checks import MeshWarning
 from .clouds import delaunay, from_convex_surface
@@ -20,6 +21,7 @@ __all__ = [
     "box",
     "cage",
     "delaunay",
+    "from_cad",
     "from_cells",
     "from_convex_surface",
     "from_surface",

@@ -60,7 +60,7 @@ class RowMethod(Method):
         def once(impulses: Impulses | None) -> Ended:
             system = system_of(model, params, state, dt, forces, impulses)
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
-            solved = solved.replace(velocities=kept(model, system, solved.velocities, solved.impulses))
+            solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
             missed = unmet(model, system, solved.velocities, solved.impulses or {})
             return Ended(solved, missed, system.impact, system.passed, system.spin)
 

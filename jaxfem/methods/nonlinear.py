@@ -117,8 +117,7 @@ class ImplicitRotations(Method):
         unknown, (info, impulses) = implicit_solution(_EndOfStep(self.inner), inputs, guess)
         free = model.free[:, None] > 0
         velocities = jnp.where(free, unknown, prescribed_velocity(model, params, state, dt))
-        made = _system(inputs, unknown).replace(positions=jax.lax.stop_gradient(state.positions))
-        velocities = kept(model, made, velocities, None)
+        velocities = kept(model, _system(inputs, unknown), state.positions, velocities, None)
         following, told = ended(model, params, state, dt, Solved(velocities, impulses, info), forces=forces)
         return following, told.replace(status=turning_status(model, params, state, dt, told.status))
 

@@ -19,13 +19,16 @@ def nearest_triangle(
     squares = _square_distances(fixed_points, fixed_nodes[triangles])
     if outward is not None:
         squares = squares + _turned_away(fixed_nodes[triangles], jax.lax.stop_gradient(outward))
-    nearest = jnp.argmin(squares, axis=1)
+    nearest = _first_of_least(squares, fixed_nodes[triangles])
     chosen = jnp.take_along_axis(triangles, nearest[:, None, None], axis=1)[:, 0]
     a, b, c = (nodes[chosen[:, i]] for i in range(3))
     normal = jnp.cross(b - a, c - a)
     weights = _held(_weights(points, a, b, c))
     return chosen, weights, normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
 
+
+TIE = 8.0
+"""Times the precision and the square of a triangle's size: squares of distances that are taken for equal."""
 
 ASIDE = 0.1
 """Share of a triangle's size from which a point beyond its edge is no longer over it."""
@@ -50,6 +53,18 @@ def aside(way: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
     areas, (m,) each."""
     area = jnp.linalg.norm(jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
     return jnp.sum(way**2, -1) - jnp.sum(way * normal, -1) ** 2 > ASIDE**2 * area, area
+
+
+def _first_of_least(squares: Array, corners: Array) -> Array:
+    """Numbers (m,) of the first of the least `squares` (m, t), of triangles `corners` (m, t, 3, 3).
+
+    A point beyond an edge or a corner that triangles share is as near to each of them: rounding would choose, and what
+    hangs on their normals would jump from run to run.
+    """
+    edges = jnp.sum((corners[:, :, 1:] - corners[:, :, :1]) ** 2, -1)
+    least = jnp.min(squares, axis=1, keepdims=True)
+    equal = TIE * jnp.finfo(squares.dtype).eps * (least + jnp.max(edges, axis=(1, 2))[:, None])
+    return jnp.argmax(squares <= least + equal, axis=1)
 
 
 def _turned_away(corners: Array, outward: Array) -> Array:

@@ -264,6 +264,6 @@ def _hardened(
     rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
         return rows, own
-    diagonal = jax.lax.stop_gradient(rows.diagonal(*inverse))
+    diagonal = rows.diagonal(*inverse)
     stopping = jnp.where(gaps.brake > 0, gaps.brake / jnp.where(diagonal > 0, diagonal, jnp.inf), 0)
     return rows.replace(lower=rows.lower - stopping), own

@@ -54,8 +54,11 @@ class _Groups(NamedTuple):
         return jnp.zeros((self.number, values.shape[1]), values.dtype).at[self.of[:points]].add(values)
 
 
-def kept(model: Model, system: System, velocities: Array, impulses: Impulses | None) -> Array:
-    """Velocities (n, 3) found in a step, with the momentum that free bodies keep; `impulses` of the extra rows."""
+def kept(model: Model, system: System, places: Array, velocities: Array, impulses: Impulses | None) -> Array:
+    """Velocities (n, 3) found in a step from `places` (nodes, 3), with the momentum that free bodies keep.
+
+    `impulses`: those of the extra rows. Differentiable, in the places too: `system.positions` are held fixed.
+    """
     drifting = model.drifting
     if drifting is None:
         return velocities
@@ -69,7 +72,7 @@ def kept(model: Model, system: System, velocities: Array, impulses: Impulses | N
     shift = -_divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
     change = shift[groups.of]
     if model.scheme.straight:
-        arm = _arms(groups, mass[:nodes], system.positions)
+        arm = _arms(groups, mass[:nodes], places)
         torque = groups.sums(jnp.cross(arm, defect[:nodes]))
         spin = -_spins(_inertia(groups, system.shared_mass, mass[:nodes], arm), torque) * groups.alone[:, None]
         change = change.at[:nodes].add(jnp.cross(spin[groups.of[:nodes]], arm))

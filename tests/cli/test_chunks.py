@@ -1,12 +1,14 @@
 """`jaxfem simulate` takes frames by one program, as many a call as time allows."""
 
+import jax
 import numpy as np
 import pytest
-from test_simulate import scene, simulated
+from test_simulate import rows, scene, simulated
 
 import jaxfem as jf
 from jaxfem.cli import running
 from jaxfem.io import load_scene, read_frames
+from jaxfem.io.tracked import Tracked
 from jaxfem.stepping import frames as stepping_frames
 
 __all__ = ["scene"]  # a fixture
@@ -28,6 +30,14 @@ def test_one_program_takes_chunks_of_any_length(scene, tmp_path, monkeypatch, sc
     assert [round(frame.time / 0.01) for frame in frames] == [*range(0, 21, 2), 21]
     for frame in frames[1:]:
         np.testing.assert_allclose(frame.positions, states.positions[round(frame.time / 0.01) - 1], atol=1e-8)
+    # The tables, and the plots drawn from them, have every step.
+    energy, point = (np.array(rows(tmp_path / "out" / name)[1:], float) for name in ("energies.csv", "points.csv"))
+    np.testing.assert_allclose(energy[:, 0], 0.01 * np.arange(22), atol=1e-9)
+    model, params, _ = load_scene(path).build()
+    ways = [Tracked(model, load_scene(path).points).at(np.asarray(places)) for places in states.positions]
+    np.testing.assert_allclose(point[1:, 1:4], np.array(ways)[:, 0], atol=1e-8)
+    there = jax.tree.map(lambda leaf: leaf[4], states)
+    np.testing.assert_allclose(energy[5, 1:4], list(jf.energies(model, params, there).kinds.values())[:3], rtol=1e-6)
 
 
 def test_frames_before_a_failed_one_are_written(scene, tmp_path, monkeypatch, capsys):
@@ -35,9 +45,9 @@ def test_frames_before_a_failed_one_are_written(scene, tmp_path, monkeypatch, ca
     take, calls = running.frames, []
 
     def spoiled(*args, **most):
-        states, infos = take(*args, **most)
+        states, infos, seen = take(*args, **most)
         calls.append(args[4])
-        return (states, infos.replace(status=infos.status.at[2].set(1))) if args[4] > 2 else (states, infos)
+        return states, infos.replace(status=infos.status.at[2].set(1)) if args[4] > 2 else infos, seen
 
     monkeypatch.setattr(running, "frames", spoiled)
     monkeypatch.setattr(running, "PACE", 1e6)

@@ -30,7 +30,7 @@ def alone(lines):
         elif (
             inside
             and SINGLE.match(line)
-            and not re.search("(file|surface|cage) = ", line)
+            and not re.search("(file|surface|cage|cad) = ", line)
             and not re.match('# material = "[a-z_]+":', line)
         ):
             found.append(number)

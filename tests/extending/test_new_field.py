@@ -5,8 +5,9 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.elements.tetra import deformation_gradient
-from jaxfem.io.export import FrameWriter, read_frames
+from jaxfem.io.export import FrameWriter
 from jaxfem.io.fields import FIELDS, frame_field
+from jaxfem.io.reading import read_frames
 from jaxfem.tensors import determinant
 
 

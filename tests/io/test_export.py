@@ -12,7 +12,7 @@ import pytest
 import jaxfem as jf
 from jaxfem.elements.stress import von_mises_stress
 from jaxfem.io import FrameWriter, export, read_frames
-from jaxfem.io.export import read_frame
+from jaxfem.io.reading import read_frame
 
 YOUNG, POISSON = 1e5, 0.3
 

@@ -14,9 +14,9 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.cli.main import main
-from jaxfem.io.export import Frame
 from jaxfem.io.pages import HERE, write_page
 from jaxfem.io.parts import Part
+from jaxfem.io.reading import Frame
 
 TYPES = {"u1": np.uint8, "u2": "<u2", "u4": "<u4", "f4": "<f4"}
 BROWSER = next(
@@ -91,6 +91,17 @@ def test_size_of_a_hundred_frames_of_ten_thousand_triangles(tmp_path):
     assert path.stat().st_size <= 1e6 and 5 < count < 50
     with pytest.raises(ValueError, match="no frame"):
         write_page(path, [], "none")
+
+
+def test_a_long_table_is_thinned(tmp_path):
+    """Its ends and its shape stay; a million rows would be all there is on the page."""
+    times = np.linspace(0.0, 1.0, 100_001)
+    frames = list(bending((1, 1, 1), 2))
+    path, _ = write_page(tmp_path / "long.html", frames, "long", {"energy (J)": (times, {"kinetic": times**2})})
+    (graph,) = held(path)["graphs"]
+    assert 3000 < len(graph["times"]) <= 4001 and path.stat().st_size < 1e6
+    np.testing.assert_allclose(graph["lines"][0]["values"], np.square(graph["times"]), rtol=1e-5)
+    assert graph["times"][0] == 0.0 and graph["times"][-1] > 0.999
 
 
 @pytest.mark.skipif(NODE is None, reason="needs node")

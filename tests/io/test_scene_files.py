@@ -181,7 +181,10 @@ BAD = [
     (SCENE.replace("cells = [2, 1, 1]", "cells = [2, 0, 1]"), "'cells' in 'mesh' in .* at least 1"),
     (SCENE.replace("cells = [2, 1, 1]", "cels = 1"), "unknown key 'cels' in 'mesh' .*did you mean 'cells'"),
     (SCENE.replace("box", "bxo"), "unknown key 'bxo' in 'mesh' in .*did you mean 'box'"),
-    (SCENE.replace("box = [0.2, 0.1, 0.1], ", ""), "no kind of mesh: give one of file, surface, box, beam, ball"),
+    (
+        SCENE.replace("box = [0.2, 0.1, 0.1], ", ""),
+        "no kind of mesh: give one of file, surface, cad, cage, box, beam, ball",
+    ),
     (SCENE.replace("{ box", "{ ball = 1.0, box"), "names box and ball: give one of"),
     (SCENE.replace("[2, 1, 1]", "1, tets_per_cell = 7"), "'mesh' in .* can be cut into 5, 6 or 12"),
     (SCENE.replace("[0.2,", "[-0.2,"), "'mesh' in .* three positive lengths"),

@@ -5,7 +5,8 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.cli.main import main
-from jaxfem.io.export import FrameWriter, read_part
+from jaxfem.io.export import FrameWriter
+from jaxfem.io.reading import read_part
 from jaxfem.io.scene_files import load_scene
 from jaxfem.io.skins import skin
 

@@ -189,6 +189,19 @@ def test_nearest_triangle_is_that_of_the_mesh():
     assert (np.einsum("mi,mi->m", normal, points) > 0.1).all()
 
 
+def test_rounding_does_not_choose_between_triangles_that_are_as_near():
+    """Points beyond the edges and corners that a ball's triangles share, each moved by less than a picometre."""
+    mesh, rng = jf.mesh.ball(0.1, 2), np.random.default_rng(1)
+    corners = mesh.points[mesh.surface]
+    points = 1.2 * np.concatenate([corners.reshape(-1, 3), 0.5 * (corners[:, 0] + corners[:, 1])])
+    triangles = jnp.broadcast_to(jnp.asarray(mesh.surface), (len(points), *mesh.surface.shape))
+    find = jax.jit(nearest_triangle)
+    moved = [points + rng.uniform(-1e-14, 1e-14, points.shape) for _ in range(3)]
+    normals = [find(jnp.asarray(each), jnp.asarray(mesh.points), triangles)[2] for each in moved]
+    for normal in normals[1:]:
+        np.testing.assert_allclose(normal, normals[0], atol=1e-12)
+
+
 @pytest.mark.slow
 def test_ground_of_other_kinds_carries_a_soft_block():
     def bowl(point, radius):

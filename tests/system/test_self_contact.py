@@ -1,5 +1,6 @@
 """A soft body that touches itself: two patches of its surface, declared."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -74,6 +75,27 @@ def test_momentum_is_kept_while_it_touches_itself():
     momentum = jnp.einsum("n,tni->ti", 1000.0 * model.nodal_volumes, states.velocities)
     start = 1000.0 * model.nodal_volumes @ fast
     np.testing.assert_allclose(momentum, jnp.broadcast_to(start, momentum.shape), atol=1e-7)
+
+
+@pytest.mark.slow
+def test_the_derivative_of_a_strike_is_that_of_differences():
+    """In the speed; nodes straight above each other, as the mesh has them: none of it hangs on which is nearest."""
+    mesh, lower, upper = clip()
+    body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0)
+    scene = jf.Scene([body], gravity=(0, 0, 0), contacts=[jf.Contact(body, body, nodes=upper, against=lower)])
+    model, params, state = jf.build(scene, tolerance=1e-12)
+    down = jnp.where(jnp.asarray(mesh.points[:, 2] > 0.15)[:, None], jnp.array([0.0, 0, -1]), 0.0)
+    weights = jnp.asarray(np.random.default_rng(5).standard_normal(mesh.points.shape))
+
+    def end(speed):
+        states, info = jf.rollout(model, params, state.replace(velocities=speed * down), 5e-3, 6)
+        return jnp.sum(states.positions[-1] * weights), info
+
+    run, step = jax.jit(end), 1e-4
+    (ahead, info), (behind, _) = run(20 + step), run(20 - step)
+    assert not info.status.any() and not info.weakly_active.any()
+    _, slope = jax.jit(lambda speed: jax.jvp(lambda v: end(v)[0], (speed,), (1.0,)))(20.0)
+    assert float(slope) == pytest.approx(float(ahead - behind) / (2 * step), rel=1e-7)
 
 
 @pytest.mark.parametrize(
