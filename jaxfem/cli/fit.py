@@ -11,7 +11,8 @@ from typing import Any
 import jax
 
 from jaxfem.cli.messages import warning
-from jaxfem.fitting import FitError, FitResult, Take, attach, fit_takes, read_recording
+from jaxfem.fitting import FitError, FitResult, Take, attach, contributions, fit_takes, profile, read_recording
+from jaxfem.io.fit_after_page import after_parts
 from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
 from jaxfem.io.fit_json import as_json
 from jaxfem.io.fit_plots import plot_fit, plot_loss
@@ -34,6 +35,11 @@ def add(subparsers: Any) -> None:
     parser.add_argument("--recording", metavar="CSV", help="the recording, instead of the one in the file")
     parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
     parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
+    parser.add_argument(
+        "--profiles",
+        action="store_true",
+        help="profiles, and what held values add, in the page",
+    )
     parser.add_argument("--force", action="store_true", help="replace the results of an earlier fit")
     parser.set_defaults(run=run)
 
@@ -44,20 +50,30 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
-    result, written = fitted(file, folder, args.recording, plots=not args.no_plots)
+    result, written = fitted(file, folder, args.recording, not args.no_plots, args.profiles)
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
     return EXIT_INTERRUPTED if result.status == "interrupted" else 0
 
 
-def fitted(file: FitFile, folder: Path, recording: Any = None, plots: bool = True) -> tuple[FitResult, list[Path]]:
+def fitted(
+    file: FitFile, folder: Path, recording: Any = None, plots: bool = True, profiles: bool = False
+) -> tuple[FitResult, list[Path]]:
     """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
     result, takes = fit_from_file(file, recording)
     written = write_results(folder, result, plots)
     files = {"fit": file.source, **_sources(file, recording)}
     scene = takes[0].model, takes[0].state
     settings = {**file.cutting, **file.settings}
-    written.insert(1, write_report(folder / "report.html", result, scene, files, settings))
+    written.insert(
+        1, write_report(folder / "report.html", result, scene, files, settings, _after(result) if profiles else [])
+    )
     return result, written
+
+
+def _after(result: FitResult) -> list[str]:
+    """Parts of the page that simulate further: profiles, Type B of 1 % in the density and 1 mm in marker places."""
+    held = {} if "density" in result.values else {"density": 0.01}
+    return after_parts(result, [profile(result, name) for name in result.values], contributions(result, held, 1e-3))
 
 
 def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list[Take]]:

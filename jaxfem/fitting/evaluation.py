@@ -13,6 +13,7 @@ from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
+Linear = tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]
 BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
@@ -69,6 +70,7 @@ class Evaluator:
         self.best_loss = np.inf
         self.samples = int(sum(np.count_nonzero(np.asarray(each.problem.weights)) for each in pieces))
         self.step_failures = 0
+        self.last: tuple[np.ndarray, Linear] | None = None
 
     def with_steps(self, every: int) -> "Evaluator":
         """The same fit with `every` steps a saved frame; the history is shared."""
@@ -83,12 +85,16 @@ class Evaluator:
 
     def residual(self, z: np.ndarray) -> tuple[list[np.ndarray], list[Outcome]]:
         """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
+        if self.last is not None and np.array_equal(self.last[0], z):
+            return self.last[1][0], self.last[1][2]
         found = [residuals(each.at(z), each.problem, each.plan) for each in self.pieces]
         r = [_or_infinite(each, outcome) for each, outcome in found]
         return self._seen(z, r, [outcome for _, outcome in found]), [outcome for _, outcome in found]
 
-    def linear(self, z: np.ndarray) -> tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]:
-        """Residuals, Jacobians and side results at z."""
+    def linear(self, z: np.ndarray) -> Linear:
+        """Residuals, Jacobians and side results at z; where they were made last, those."""
+        if self.last is not None and np.array_equal(self.last[0], z):
+            return self.last[1]
         found = [linearised(each.at(z), each.problem, each.plan) for each in self.pieces]
         outcomes = [outcome for *_, outcome in found]
         r = [_or_infinite(each, outcome) for each, _, outcome in found]
@@ -97,7 +103,8 @@ class Evaluator:
             jacobian = np.zeros((z.size, *each.shape))
             jacobian[piece.columns] = np.asarray(own, np.float64)
             jacobians.append(jacobian)
-        return self._seen(z, r, outcomes, derivatives=True), jacobians, outcomes
+        self.last = np.array(z), (self._seen(z, r, outcomes, derivatives=True), jacobians, outcomes)
+        return self.last[1]
 
     def loss(self, r: Sequence[np.ndarray] | np.ndarray) -> float:
         """Mean square of the residuals that are there; infinite where one is not finite."""

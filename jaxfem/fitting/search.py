@@ -191,6 +191,11 @@ class Goal:
         loss, normal, gradient = self._before(z)
         return loss + self.evaluator.loss(flat), normal + columns @ columns.T, gradient + columns @ flat
 
+    def gain(self, loss: float, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray) -> float:
+        """The share of the loss that a full Gauss-Newton step of the `free` unknowns promises."""
+        step = _damped_step(normal[np.ix_(free, free)], gradient[free], 1e-12)
+        return float(-gradient[free] @ step) / max(self.evaluator.samples, 1) / loss
+
     def _before(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         if self.evaluator.priors is None:
             return 0.0, np.zeros((z.size, z.size)), np.zeros(z.size)
@@ -214,7 +219,8 @@ def levenberg_marquardt(
 ) -> tuple[np.ndarray, float]:
     """Least squares from z inside the box: (z, loss). Stops when a step gains less than `tol` of the loss.
 
-    Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against.
+    Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against. No
+    step is tried where even the undamped one promises less: its Jacobian then serves whoever goes on from z.
     `chosen` (P,): those that are searched, all of them when None.
     """
     goal = Goal(evaluator, weighting or Plain())
@@ -226,7 +232,7 @@ def levenberg_marquardt(
         if not (np.isfinite(loss) and np.isfinite(normal).all()):
             return z, loss
         free = chosen & ~((z <= low) & (gradient > 0)) & ~((z >= high) & (gradient < 0))
-        if not free.any() or loss < 1e-24:
+        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < tol:
             return z, loss
         trial, gain, damping = _better(goal, z, loss, normal, gradient, free, damping)
         if trial is None:
@@ -245,7 +251,8 @@ def _better(
     for _ in range(8):
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
-        trial = np.clip(z + np.clip(step, -LONGEST_STEP, LONGEST_STEP), low, high)
+        shorter = min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-300))  # all of it, to go where the model says
+        trial = np.clip(z + shorter * step, low, high)
         new = goal.value(trial)
         if new < loss:
             return trial, 1 - new / loss, max(damping / 10, 1e-12)

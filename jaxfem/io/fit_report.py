@@ -38,9 +38,11 @@ def write_report(
     scene: tuple[Model, State] | None = None,
     files: Mapping[str, Path] | None = None,
     settings: Mapping[str, Any] | None = None,
+    after: Sequence[str] = (),
 ) -> Path:
     """Write the page; returns its path. `scene`: (model, state) of the first take, to play it; `files`: those that the
-    fit was made of, by what they are; `settings`: how it was asked for."""
+    fit was made of, by what they are; `settings`: how it was asked for; `after`: further parts
+    of HTML, behind the plots."""
     parts = [
         *_verdict(result),
         "<h2>Parameters</h2>",
@@ -58,6 +60,7 @@ def write_report(
         ]
     for take in result.takes:
         parts += _plots(take)
+    parts += after
     parts += [
         "<h2>Search</h2>",
         _search(result),
