@@ -1,0 +1,45 @@
+"""benchmarks/hard_gradients.py: how a line is judged, its quickest case, and the page's table."""
+
+import json
+import pathlib
+import sys
+
+import pytest
+
+ROOT = pathlib.Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "benchmarks"))
+
+import hard_gradients  # noqa: E402
+from hard.gradient_cases import CASES  # noqa: E402
+
+LINE = {"above": 1.0, "below": 1.0, "off": 1e-9, "reverse_off": 1e-9, "spread": 1e-9, "status": [0]}
+LINE |= {"weakly_active": 0, "derivative": 1.0}
+
+
+@pytest.mark.parametrize(
+    ("change", "outcome"),
+    [
+        ({}, "right"),
+        ({"off": 1e-3}, "SILENT"),
+        ({"reverse_off": 1e-3}, "SILENT"),
+        ({"off": 1e-5, "spread": 1e-5}, "as near as differences settle"),
+        ({"below": 0.0}, "SILENT: other from above than from below"),
+        ({"below": 0.0, "weakly_active": 2}, "flagged: info.weakly_active = 2"),
+        ({"off": 1e-3, "status": [0, 7]}, "flagged: status 7"),
+    ],
+)
+def test_how_a_line_is_judged(change, outcome):
+    assert hard_gradients.outcome(LINE | change) == outcome
+
+
+@pytest.mark.slow
+def test_where_there_is_no_derivative_it_is_flagged():
+    line = hard_gradients.measured(CASES["laid on the ground without weight"][1]())
+    assert line["outcome"].startswith("flagged: info.weakly_active")
+    assert line["above"] == pytest.approx(1 / 30) and abs(line["below"]) < 1e-6
+
+
+def test_the_page_shows_what_was_measured():
+    page = (ROOT / "docs" / "derivatives.md").read_text(encoding="utf-8")
+    for line in json.loads((ROOT / "benchmarks" / "results" / "hard_gradients.json").read_text())["lines"]:
+        assert f"| {line['case']} | {line['derivative_of']} | {line['derivative']:.6g} |" in page
