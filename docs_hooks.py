@@ -9,7 +9,9 @@ from mkdocs.structure.files import File, Files
 
 import jaxfem
 from jaxfem.cli.main import parser
-from jaxfem.io.templates import fit_template, scene_template
+from jaxfem.io.fit_template import fit_template
+from jaxfem.io.sweep_template import sweep_template
+from jaxfem.io.templates import scene_template
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -21,11 +23,13 @@ def on_files(files: Files, config: Any) -> Files:
 
 def pages() -> dict[str, str]:
     """The pages of the reference by name."""
-    scene, fit = (f"```toml\n{text}```\n" for text in (scene_template(), fit_template()))
+    made = scene_template(), fit_template(), sweep_template()
+    scene, fit, sweep = (f"```toml\n{text}```\n" for text in made)
     return {
         "python": "".join(_python()),
         "scene_files": f"# Scene files\n\nAll keys, as `jaxfem new scene` writes them.\n\n{scene}",
         "fit_files": f"# Fit files\n\nAll keys, as `jaxfem new fit` writes them.\n\n{fit}",
+        "sweep_files": f"# Sweep files\n\nAll keys, as `jaxfem new sweep` writes them.\n\n{sweep}",
         "command_line": "# Commands\n\n" + "".join(_commands(parser())),
     }
 

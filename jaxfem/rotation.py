@@ -1,8 +1,8 @@
 """Rotations: the nearest rotation of a 3x3 matrix with its derivative, a cheaper frame, unit quaternions.
 
-The 3x3 algebra is written out on component arrays (a nested tuple M[i][j] of equal-shaped arrays): XLA turns that into
-a few vectorised loops over elements, where a batched library SVD works through the matrices one call at a time. What
-loops carry is stacked, one array (3, 3, ...): each array carried is a program of its own to compile and to call.
+The 3x3 algebra is written out on component arrays (a nested tuple `M[i][j]` of equal-shaped arrays): XLA turns that
+into a few vectorised loops over elements, where a batched library SVD works through the matrices one call at a time.
+What loops carry is stacked, one array (3, 3, ...): each array carried is a program of its own to compile and to call.
 """
 
 import functools
@@ -48,7 +48,7 @@ def nearest_rotation(F: Any) -> Array:
 def polar_components(F: Sequence[Sequence[Array]]) -> Components:
     """The same as `nearest_rotation` on component arrays, for kernels that keep to them.
 
-    F[i][j] are arrays of one shape (a (3, 3, ...) array will do) -> R[i][j]; all else as for `nearest_rotation`.
+    `F[i][j]` are arrays of one shape (a (3, 3, ...) array will do) -> `R[i][j]`; all else as for `nearest_rotation`.
     """
     return _polar(_matrix(lambda i, j: F[i][j]))
 
@@ -188,7 +188,7 @@ def gram_schmidt_rotation(F: Any) -> Array:
 
 
 def gram_schmidt_components(M: Sequence[Sequence[Array]]) -> Components:
-    """The same as `gram_schmidt_rotation` on component arrays M[i][j] -> R[i][j]."""
+    """The same as `gram_schmidt_rotation` on component arrays `M[i][j]` -> `R[i][j]`."""
     first = _unit(tuple(row[0] for row in M), (1.0, 0.0, 0.0))
     spare = _where(jnp.abs(first[1]) < 0.9, (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
     across = _reject(_unit(tuple(row[1] for row in M), spare), first)

@@ -16,7 +16,7 @@ UNITS = {"": 1.0, "m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "in": 0.0254}
 
 def add(subparsers: Any) -> None:
     """Add the command to the parser."""
-    mesh = subparsers.add_parser("mesh", help="look at a mesh file")
+    mesh = subparsers.add_parser("mesh", help="make a mesh, or look at one")
     actions = mesh.add_subparsers(title="actions", metavar="ACTION", required=True)
     info = actions.add_parser("info", help="size, quality and groups of a mesh file")
     info.add_argument("file", metavar="FILE", help="a mesh of a volume: .msh, .vtu, .vtk, .node, .inp, .mesh, ...")
@@ -27,7 +27,7 @@ def add(subparsers: Any) -> None:
     make.add_argument(
         "file",
         metavar="SURFACE",
-        help="a surface: .stl, .obj, .ply, .off, ...; it may be open and cracked; or a CAD model: .step, .iges, .brep",
+        help="a surface: .stl, .obj, .ply, .off, ...; it may be open and cracked; or a CAD model: .step, .iges",
     )
     make.add_argument("--size", type=length, metavar="L", help="length of edges, like 5mm or 0.005 (m)")
     make.add_argument("--finest", type=length, metavar="L", help="of a CAD model: shorter edges where it is curved")

@@ -12,7 +12,7 @@ import numpy as np
 from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
 from jaxfem.diagnose import diagnose, words
-from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint
+from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint, scene_mark
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers import Status
@@ -21,6 +21,7 @@ from jaxfem.stepping.frames import Seen, Watch, begin, frames
 PACE = 0.5  # s that a call may take: an interruption is heard, and what was reached is written, between calls
 GROWTH = 4  # of the number of frames a call, from one
 ROOM = 64e6  # bytes of frames that wait to be written
+MOST_ROWS = 1 << 16  # steps a call, which leave a row each
 MOST = 64  # frames a call: what a call costs beside its steps is nothing by then
 
 
@@ -45,14 +46,18 @@ class Run:
     warned: bool = False
     chunks: list[tuple[int, float]] = dataclasses.field(default_factory=list)
     most: int = 1
+    mark: str = ""
 
     def __post_init__(self) -> None:
         """What serves all steps is made here, once, from the state at the start: also for a run that goes on later."""
         if self.model is not None:
+            self.mark = scene_mark(self.model, self.params)
             self.model, state = begin(self.model, self.params, self.state, self.dt)
             self.state = jax.tree.map(np.asarray, state)  # as later ones are: else a program more
             size = sum(leaf.nbytes for leaf in jax.tree.leaves(self.state))
-            self.most = int(np.clip(ROOM // max(size, 1), 1, MOST))
+            self.every = min(self.every, max(1, self.steps))
+            most = min(MOST, ROOM // max(size, 1), MOST_ROWS // self.every, -(-self.steps // self.every))
+            self.most = max(1, int(most))
 
     def timing(self) -> tuple[float, float]:
         """Seconds spent compiling (with the first steps, where no others were taken), and a step (0: not known).
@@ -151,7 +156,7 @@ def _recorded(writer: FrameWriter, steps: list[Seen]) -> None:
 def _written(run: Run, writer: FrameWriter, recorded: bool = False) -> None:
     """A frame of the state, and the state itself, from which a run can go on."""
     writer.write(run.state, recorded)
-    save_checkpoint(checkpoint_path(writer.index), run.state, run.done, run.dt, len(writer.saved))
+    save_checkpoint(checkpoint_path(writer.index), run.state, run.done, run.dt, len(writer.saved), run.mark)
 
 
 def _failed(state: State, info: StepInfo) -> bool:

@@ -50,7 +50,9 @@ def run(args: argparse.Namespace) -> int:
     job = Run(model, params, state, file.dt, args.steps or file.steps, file.every, file.halvings)
     frames = 0
     if args.resume:
-        job.state, job.done, frames = load_checkpoint(checkpoint_path(index), job.model, params, job.state, file.dt)
+        job.state, job.done, frames = load_checkpoint(
+            checkpoint_path(index), job.model, params, job.state, file.dt, job.mark
+        )
     if job.done >= job.steps:
         raise SceneFileError(f"{index} is of {job.done} steps already: give a longer duration, or --steps, to go on")
     begun, looks = time.perf_counter(), _looks(file)

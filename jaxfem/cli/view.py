@@ -31,6 +31,8 @@ def add(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Write the page, or serve a viewer until it is interrupted; 0."""
+    if not args.most > 0 or not 0 <= args.port <= 65535:
+        raise SceneFileError("--most is a positive number of MB, --port a number from 0 to 65535")
     index = _index(Path(args.results))
     frames = read_frames(index)
     target = Path(args.out) if args.out else index.with_suffix(".html")

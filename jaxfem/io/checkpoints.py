@@ -1,6 +1,7 @@
 """Where a run stood at its last frame, to go on from there: the whole state, and what was written by then."""
 
 import csv
+import hashlib
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -18,18 +19,37 @@ def checkpoint_path(index: Path) -> Path:
     return index.with_suffix(".state.npz")
 
 
-def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int) -> None:
-    """Write the state after `done` steps of `dt` [s], when `frames` frames were written. Replaces the last at once."""
+def scene_mark(model: Model, params: Params) -> str:
+    """A word that builds share whose numbers are equal: shapes, materials, loads, joints, contacts and their places.
+
+    What a method prepares, its tolerance, and how long and how often a run is written are not in it.
+    """
+    told = params, model.rest, model.free, model.elements.cells, model.joints, model.contacts, model.rigid
+    found = hashlib.sha256()
+    for key, leaf in jax.tree_util.tree_flatten_with_path(told)[0]:
+        found.update(jax.tree_util.keystr(key).encode())
+        found.update(np.ascontiguousarray(leaf).tobytes())
+    return found.hexdigest()
+
+
+def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int, mark: str = "") -> None:
+    """Write the state after `done` steps of `dt` [s], when `frames` frames were written. Replaces the last at once.
+
+    `mark`: the scene's, see `scene_mark`.
+    """
     leaves = jax.tree_util.tree_flatten_with_path(state)[0]
     names = np.array([jax.tree_util.keystr(key) for key, _ in leaves])
     arrays = {f"leaf_{number}": np.asarray(leaf) for number, (_, leaf) in enumerate(leaves)}
     temporary = path.with_name(path.name + ".part.npz")
-    np.savez(temporary, names=names, done=done, dt=dt, frames=frames, **arrays)  # type: ignore[arg-type]
+    np.savez(temporary, names=names, done=done, dt=dt, frames=frames, mark=mark, **arrays)  # type: ignore[arg-type]
     temporary.replace(path)
 
 
-def load_checkpoint(path: Path, model: Model, params: Params, state: State, dt: float) -> tuple[State, int, int]:
-    """(state, steps done, frames written) of an earlier run of the same scene. SceneFileError where it is another."""
+def load_checkpoint(
+    path: Path, model: Model, params: Params, state: State, dt: float, mark: str = ""
+) -> tuple[State, int, int]:
+    """(state, steps done, frames written) of an earlier run of the same scene. SceneFileError where it is another, or
+    one with other numbers: another `mark`."""
     if not path.is_file():
         raise SceneFileError(f"there is no {path} to go on from: the run was not begun, or by an older version")
     stood: Any = jax.eval_shape(lambda given: rollout(model, params, given, dt, 1)[0], state)
@@ -43,9 +63,11 @@ def load_checkpoint(path: Path, model: Model, params: Params, state: State, dt: 
         )
         if int(saved["done"]) == 0:  # nothing but the start was written
             return state, 0, int(saved["frames"])
+        same &= "mark" not in saved or str(saved["mark"]) in ("", mark)
         if not same or float(saved["dt"]) != dt:
             raise SceneFileError(
-                f"{path} is of another scene, time step, method or precision: give --force to begin anew, or --out"
+                f"{path} is of another scene, time step, method or precision, or numbers in the scene were "
+                "changed: give --force to begin anew, or --out FOLDER"
             )
         return jax.tree.unflatten(shape, leaves), int(saved["done"]), int(saved["frames"])
 
@@ -62,11 +84,18 @@ def listed_frames(index: Path) -> list[tuple[float, Path, dict[str, Path]]]:
     return found
 
 
+def table_head(path: Path) -> list[str]:
+    """Names of a table's columns."""
+    with open(path, newline="", encoding="utf-8") as file:
+        return next(csv.reader(file), [])
+
+
 def trimmed_table(path: Path, until: float) -> tuple[list[str], np.ndarray]:
     """Head and numbers of a table of a run, once all later than the time `until` [s] has been cut off the file."""
     with open(path, newline="", encoding="utf-8") as file:
         head, *lines = list(csv.reader(file))
-    lines = [line for line in lines if float(line[0]) <= until * (1 + 1e-6)]
+    whole = [line for line in lines if len(line) == len(head)]  # the last may be cut
+    lines = [line for line in whole if float(line[0]) <= until * (1 + 1e-8)]
     with open(path, "w", newline="", encoding="utf-8") as file:
         csv.writer(file, lineterminator="\n").writerows([head, *lines])
     return head, np.array([[float(value) for value in line] for line in lines]).reshape(-1, len(head))

@@ -15,9 +15,10 @@ import numpy as np
 
 from jaxfem.declared.scene import Scene
 from jaxfem.energies import energies
-from jaxfem.io.checkpoints import listed_frames, trimmed_table
+from jaxfem.io.checkpoints import checkpoint_path, listed_frames, table_head, trimmed_table
 from jaxfem.io.fields import FIELDS, computed
 from jaxfem.io.parts import PARTS, Part, Shown, surfaces
+from jaxfem.io.scene_files import SceneFileError
 from jaxfem.io.skins import skin
 from jaxfem.io.tracked import Tracked
 from jaxfem.mesh.formats.foreign import write_foreign
@@ -87,6 +88,11 @@ class FrameWriter:
     def __enter__(self) -> "FrameWriter":
         frames = self.folder / "frames"
         frames.mkdir(parents=True, exist_ok=True)
+        if self.kept:
+            self._refuse_other_tables()
+        else:  # an interruption before the first frame must not leave what --resume would take for this run
+            self.index.unlink(missing_ok=True)
+            checkpoint_path(self.index).unlink(missing_ok=True)
         for old in frames.glob(f"{self.name}_*.vtu"):
             number, _, part = old.stem[len(self.name) + 1 :].partition("_")
             if number.isdigit() and int(number) >= self.kept and (not part or part in PARTS):
@@ -96,13 +102,10 @@ class FrameWriter:
         self._energy_row: Callable[[list[float]], None] | None = None  # its columns are the first state's
         self._point_row = None
         if self.points.names:
-            columns = [f"{name}_{axis}_m" for name in self.points.names for axis in "xyz"]
-            self._point_row = self._table("points.csv", ["time_s", *columns])
+            self._point_row = self._table("points.csv", ["time_s", *self._point_columns])
         self._rigid_row = None
         if self.model.rigid is not None:
-            columns = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
-            names = [f"{name}_{column}" for name in self.model.rigid.names for column in columns]
-            self._rigid_row = self._table("rigid.csv", ["time_s", *names])
+            self._rigid_row = self._table("rigid.csv", ["time_s", *self._rigid_columns])
         return self
 
     def _recall(self) -> None:
@@ -121,6 +124,27 @@ class FrameWriter:
             Row(float(row[0]), dict(zip(kinds, row[1:].tolist(), strict=True)), place)
             for row, place in zip(rows, places, strict=True)
         ]
+
+    def _refuse_other_tables(self) -> None:
+        """SceneFileError where kept tables have other columns than this run writes: nothing is cut from them then."""
+        for name, columns in (("points.csv", self._point_columns), ("rigid.csv", self._rigid_columns)):
+            path, wanted = self.folder / name, ["time_s", *columns]
+            if columns and (not path.is_file() or table_head(path) != wanted):
+                raise SceneFileError(
+                    f"{path} has other columns than this run writes (points or bodies were renamed, added or put in "
+                    "another order): give --force to begin anew, or --out FOLDER for another place"
+                )
+
+    @property
+    def _point_columns(self) -> list[str]:
+        return [f"{name}_{axis}_m" for name in self.points.names for axis in "xyz"]
+
+    @property
+    def _rigid_columns(self) -> list[str]:
+        if self.model.rigid is None:
+            return []
+        columns = ["x_m", "y_m", "z_m", "qw", "qx", "qy", "qz"]
+        return [f"{name}_{column}" for name in self.model.rigid.names for column in columns]
 
     def __exit__(self, *problem: Any) -> None:
         self._open.close()

@@ -100,6 +100,8 @@ def show(frames: Any, *, host: str = "127.0.0.1", port: int = 8080) -> Live:
     Returns at once; the viewer runs until its `stop()` or the end of the process. Where the port is taken the next free
     one serves. LiveError without viser, ValueError without a frame.
     """
+    if not 0 <= port <= 65535:
+        raise ValueError(f"port is {port}: give one from 0 to 65535")
     try:
         viser = importlib.import_module("viser")
     except ImportError as problem:

@@ -35,6 +35,8 @@ def write_page(
     """
     if not frames:
         raise ValueError("there is no frame to show")
+    if not most > 0:
+        raise ValueError(f"most is {most}: give a positive number of bytes")
     every = 1
     while True:
         text = page_text(list(frames[::every]), title, tables or {})

@@ -13,7 +13,7 @@ from .checks import MeshError, is_positive
 from .files import read
 from .tet import TetMesh
 
-SUFFIXES = (".step", ".stp", ".iges", ".igs", ".brep")
+SUFFIXES = (".step", ".stp", ".iges", ".igs")  # .brep does not say its unit
 MISSING = "to mesh CAD models, install Gmsh: pip install 'jaxfem[cad]'"
 _PROGRAM = """
 import os
@@ -47,6 +47,8 @@ for dimension, word in ((2, "surface"), (3, "volume")):
 low_high = gmsh.model.getBoundingBox(-1, -1)
 diagonal = sum((b - a) ** 2 for a, b in zip(low_high[:3], low_high[3:])) ** 0.5
 size = size or diagonal / 12
+if finest > size:
+    sys.exit("finest is more than the size of " + format(size, ".3g") + " m")
 gmsh.option.setNumber("Mesh.MeshSizeMax", size)
 gmsh.option.setNumber("Mesh.MeshSizeMin", finest or size)
 if finest:
@@ -66,7 +68,7 @@ def from_cad(
     finest: float | None = None,
     seconds: float = 300.0,
 ) -> TetMesh:
-    """Tetrahedra with edges of at most `size` [m] in the volumes of a CAD model (.step, .iges, .brep).
+    """Tetrahedra with edges of at most `size` [m] in the volumes of a CAD model (.step, .iges).
 
     With `finest` [m] the mesh is graded: twelve edges around a full turn of what is curved, none shorter than that.
     Without `size` there are about twelve edges along the diagonal. The file's unit is known and taken to m. Surfaces
@@ -82,6 +84,8 @@ def from_cad(
     for what, value in (("size", size), ("finest", finest), ("seconds", seconds)):
         if value is not None and not is_positive(value):
             raise MeshError(f'{what} for "{label}" is {value!r}: give a positive number')
+    if size is not None and finest is not None and finest > size:
+        raise MeshError(f'finest for "{label}" is {finest:g} m, more than its size, {size:g} m')
     with tempfile.TemporaryDirectory() as folder:
         made = Path(folder) / "made.msh"
         _run(source, made, (size or 0.0, finest or 0.0), float(seconds), label)
@@ -93,9 +97,9 @@ def from_cad(
 
 
 def _run(source: Path, made: Path, sizes: tuple[float, float], seconds: float, label: str) -> None:
-    words = [sys.executable, "-c", _PROGRAM, str(source), str(made), *map(repr, map(float, sizes))]
+    words = [sys.executable, "-c", _PROGRAM, str(source.resolve()), str(made), *map(repr, map(float, sizes))]
     try:
-        ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds)
+        ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, cwd=made.parent)
     except subprocess.TimeoutExpired:
         raise MeshError(
             f'meshing "{label}" took longer than {seconds:g} s: give a larger size, or more seconds'

@@ -25,7 +25,9 @@ import sys
 import numpy
 try:
     import pytetwild
-except ImportError as problem:
+except ModuleNotFoundError as problem:
+    if problem.name != "pytetwild":
+        raise
     sys.exit("no pytetwild: " + str(problem))
 given = numpy.load(sys.argv[1])
 points, cells = pytetwild.tetrahedralize(
@@ -78,7 +80,8 @@ def _filled(points: Floats, triangles: Ints, size: float, share: float, seconds:
         np.savez(given, points=points, triangles=triangles.astype(np.int32), size=size, epsilon=share)
         words = [sys.executable, "-c", _PROGRAM, str(given), str(made)]
         try:
-            ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds)
+            # In the folder that goes: the mesher leaves files of its own where it runs.
+            ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, cwd=folder)
         except subprocess.TimeoutExpired:
             raise MeshError(
                 f'filling "{name}" with edges of {size:.3g} m took longer than {seconds:g} s: give a larger size, or '

@@ -31,6 +31,23 @@ def test_a_run_goes_on_where_it_stopped(scene, tmp_path, capsys):
     assert simulated(scene(every=2), "--resume", "--steps", "8") == 2 and "to go on from" in capsys.readouterr().err
 
 
+def test_tables_with_other_columns_are_not_gone_on_with(scene, tmp_path, capsys):
+    """Points put in another order would be written under each other's names."""
+    path = scene(every=2)
+    assert simulated(path, "--no-plots", "--steps", "4") == 0
+    before = rows(tmp_path / "out" / "points.csv")
+    text = path.read_text()
+    path.write_text(text.replace("tip =", "first = [0.1, 0.05, 0.05], tip ="))
+    assert simulated(path, "--no-plots", "--resume") == 2
+    assert "points.csv has other columns than this run writes" in capsys.readouterr().err
+    assert rows(tmp_path / "out" / "points.csv") == before and len(read_frames(tmp_path / "out" / "run.pvd")) == 3
+    path.write_text(text.replace("young = ", "young = 1"))
+    assert simulated(path, "--no-plots", "--resume") == 2
+    assert "numbers in the scene were changed" in capsys.readouterr().err
+    path.write_text(text)
+    assert simulated(path, "--no-plots", "--resume") == 0
+
+
 def test_the_bar_says_compiling_and_measures_behind_it(monkeypatch, capsys):
     import time as clock
 

@@ -79,6 +79,8 @@ def test_wrong_arguments(tmp_path):
         jf.mesh.from_cad(tmp_path / "other.step")
     with pytest.raises(jf.MeshError, match=r"finest for .part. is -1"):
         jf.mesh.from_cad(tmp_path / "part.step", finest=-1)
+    with pytest.raises(jf.MeshError, match="more than its size"):
+        jf.mesh.from_cad(tmp_path / "part.step", 1e-3, finest=2e-3)
     assert main(["mesh", "make", str(tmp_path / "part.step"), "--scale", "1e-3"]) == 2
     (tmp_path / "part.stl").write_text("")
     assert main(["mesh", "make", str(tmp_path / "part.stl"), "--finest", "1mm"]) == 2
