@@ -82,6 +82,9 @@ def advance(run: Run, writer: FrameWriter) -> None:
                 _chunk(run, writer, bar)
     except KeyboardInterrupt:
         run.interrupted = True
+    if writer.saved and not writer.listed:
+        writer.list_frames()
+        _checked(run, writer)
 
 
 def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
@@ -156,6 +159,11 @@ def _recorded(writer: FrameWriter, steps: list[Seen]) -> None:
 def _written(run: Run, writer: FrameWriter, recorded: bool = False) -> None:
     """A frame of the state, and the state itself, from which a run can go on."""
     writer.write(run.state, recorded)
+    if writer.listed:  # a checkpoint never knows of frames that the index does not list
+        _checked(run, writer)
+
+
+def _checked(run: Run, writer: FrameWriter) -> None:
     save_checkpoint(checkpoint_path(writer.index), run.state, run.done, run.dt, len(writer.saved), run.mark)
 
 

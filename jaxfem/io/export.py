@@ -82,6 +82,7 @@ class FrameWriter:
         self.saved: list[Saved] = []
         self.rows: list[Row] = []
         self.kept = kept
+        self.listed = False  # whether the index has the last frame
         self._last: dict[str, tuple[np.ndarray, Path]] = {}
         self._open = contextlib.ExitStack()
 
@@ -91,8 +92,9 @@ class FrameWriter:
         if self.kept:
             self._refuse_other_tables()
         else:  # an interruption before the first frame must not leave what --resume would take for this run
-            self.index.unlink(missing_ok=True)
-            checkpoint_path(self.index).unlink(missing_ok=True)
+            tables = (self.folder / name for name in ("energies.csv", "points.csv", "rigid.csv"))
+            for old in (self.index, checkpoint_path(self.index), *tables):
+                old.unlink(missing_ok=True)
         for old in frames.glob(f"{self.name}_*.vtu"):
             number, _, part = old.stem[len(self.name) + 1 :].partition("_")
             if number.isdigit() and int(number) >= self.kept and (not part or part in PARTS):
@@ -149,7 +151,7 @@ class FrameWriter:
     def __exit__(self, *problem: Any) -> None:
         self._open.close()
         if self.saved:  # the last frames may not be listed yet
-            self._write_index()
+            self.list_frames()
 
     def write(self, state: State, recorded: bool = False) -> Path:
         """Write one frame of the state and, unless it was `recorded` already, a row of each table; returns the frame's
@@ -168,8 +170,9 @@ class FrameWriter:
         parts = {name: part for name, part in made.items() if part is not None and len(part.points)}
         paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
         self.saved.append(Saved(time, path, paths))
-        if len(self.saved) % (1 + len(self.saved) // SHORT) == 0:
-            self._write_index()
+        self.listed = len(self.saved) % (1 + len(self.saved) // SHORT) == 0
+        if self.listed:
+            self.list_frames()
         if not recorded:
             self.record(time, {kind: float(value) for kind, value in energy.kinds.items()}, places)
         return path
@@ -222,7 +225,9 @@ class FrameWriter:
         tables += ["rigid.csv"] if self.model.rigid is not None else []
         return [self.index, *(self.folder / name for name in tables)]
 
-    def _write_index(self) -> None:
+    def list_frames(self) -> None:
+        """Write the index of all frames so far."""
+        self.listed = True
         number = {name: place for place, name in enumerate(("bodies", *PARTS))}
         lines = [
             f'    <DataSet timestep="{frame.time:.9g}" part="{number[name]}" name="{name}" '

@@ -7,7 +7,8 @@ from test_simulate import rows, scene, simulated
 
 import jaxfem as jf
 from jaxfem.cli import running
-from jaxfem.io import load_scene, read_frames
+from jaxfem.io import export, load_scene, read_frames
+from jaxfem.io.checkpoints import listed_frames
 from jaxfem.io.tracked import Tracked
 from jaxfem.stepping import frames as stepping_frames
 
@@ -54,3 +55,17 @@ def test_frames_before_a_failed_one_are_written(scene, tmp_path, monkeypatch, ca
     assert simulated(scene(), "--no-plots") == 3
     assert calls == [1, 1, 4] and "step 5 of 6 (t = 0.05 s) failed" in capsys.readouterr().err
     assert len(read_frames(tmp_path / "out" / "run.pvd")) == 5
+
+
+def test_a_checkpoint_knows_no_frame_that_the_index_does_not_list(scene, tmp_path, monkeypatch):
+    """Long runs list frames less often: what a kill leaves can be gone on with at any moment."""
+    monkeypatch.setattr(export, "SHORT", 2)
+    save, kept = running.save_checkpoint, []
+
+    def checked(path, state, done, dt, frames, mark):
+        kept.append((len(listed_frames(tmp_path / "out" / "run.pvd")), frames))
+        save(path, state, done, dt, frames, mark)
+
+    monkeypatch.setattr(running, "save_checkpoint", checked)
+    assert simulated(scene(), "--steps", "8", "--no-plots") == 0
+    assert all(listed == frames for listed, frames in kept) and kept[-1] == (9, 9) and len(kept) < 9
