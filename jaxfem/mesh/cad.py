@@ -3,12 +3,11 @@
 Gmsh keeps one state for a whole process and may crash or take for ever on a broken model: that is the other process's.
 """
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
+from .apart import run_apart
 from .checks import MeshError, is_positive
 from .files import read
 from .tet import TetMesh
@@ -97,17 +96,12 @@ def from_cad(
 
 
 def _run(source: Path, made: Path, sizes: tuple[float, float], seconds: float, label: str) -> None:
-    words = [sys.executable, "-c", _PROGRAM, str(source.resolve()), str(made), *map(repr, map(float, sizes))]
-    try:
-        ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, cwd=made.parent)
-    except subprocess.TimeoutExpired:
-        raise MeshError(
-            f'meshing "{label}" took longer than {seconds:g} s: give a larger size, or more seconds'
-        ) from None
-    said = (ran.stderr.strip().splitlines() or [f"it ended with code {ran.returncode}"])[-1]
+    words = [source.resolve(), made, *map(float, sizes)]
+    said = run_apart(_PROGRAM, words, made, seconds, f'meshing "{label}"')
+    if said is None:
+        return
     if "no gmsh" in said:
         raise MeshError(f'"{label}" is a CAD model: {MISSING} ({said})')
     if said == "no volume":
         raise MeshError(f'"{label}" holds no volume to mesh: export it as a solid, or fill its surface (from_surface)')
-    if ran.returncode or not made.is_file():
-        raise MeshError(f'meshing "{label}" failed: {said}. Is it a valid solid, and the size sensible?')
+    raise MeshError(f'meshing "{label}" failed: {said}. Is it a valid solid, and the size sensible?')

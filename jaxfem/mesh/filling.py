@@ -4,14 +4,13 @@ It takes what scans and CAD exports are: not convex, open, with cracks and cross
 takes for ever, is the other process's; this one says so.
 """
 
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from .apart import run_apart
 from .checks import Floats, Ints, MeshError, as_points, flipped, is_positive
 from .tet import TetMesh
 
@@ -78,19 +77,10 @@ def _filled(points: Floats, triangles: Ints, size: float, share: float, seconds:
     with tempfile.TemporaryDirectory() as folder:
         given, made = Path(folder) / "given.npz", Path(folder) / "made.npz"
         np.savez(given, points=points, triangles=triangles.astype(np.int32), size=size, epsilon=share)
-        words = [sys.executable, "-c", _PROGRAM, str(given), str(made)]
-        try:
-            # In the folder that goes: the mesher leaves files of its own where it runs.
-            ran = subprocess.run(words, capture_output=True, text=True, timeout=seconds, cwd=folder)
-        except subprocess.TimeoutExpired:
-            raise MeshError(
-                f'filling "{name}" with edges of {size:.3g} m took longer than {seconds:g} s: give a larger size, or '
-                "more seconds"
-            ) from None
-        if "no pytetwild" in ran.stderr:
-            raise MeshError(f'"{name}" is a surface: {MISSING} ({ran.stderr.strip().splitlines()[-1]})')
-        if ran.returncode or not made.is_file():
-            said = (ran.stderr.strip().splitlines() or [f"it ended with code {ran.returncode}"])[-1]
+        said = run_apart(_PROGRAM, [given, made], made, seconds, f'filling "{name}" with edges of {size:.3g} m')
+        if said is not None and "no pytetwild" in said:
+            raise MeshError(f'"{name}" is a surface: {MISSING} ({said})')
+        if said is not None:
             raise MeshError(f'filling "{name}" failed: {said}. Is it a surface around a volume, and the size sensible?')
         with np.load(made) as arrays:
             found = arrays["points"], arrays["cells"].astype(np.int64)

@@ -8,13 +8,13 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from jaxfem.batching import cond_any
-from jaxfem.solvers.differentiation import SOLUTION, solved
+from jaxfem.solvers.differentiation import solved
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 T = TypeVar("T")
 
-__all__ = ["SOLUTION", "Condition", "implicit_solution", "or_nan", "tangent_solution", "unless_zero"]
+__all__ = ["Condition", "implicit_solution", "or_nan", "tangent_solution", "unless_zero"]
 
 
 class Condition(Protocol):
