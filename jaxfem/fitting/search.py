@@ -19,7 +19,6 @@ if TYPE_CHECKING:  # slow to import: only where its steps are asked for
 SCAN_RATIO = 2.0
 JUMPS = 6
 TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
-LONGEST_STEP = 1.0  # in z: a factor of 2.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -251,7 +250,8 @@ def _better(
     for _ in range(8):
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
-        shorter = min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-300))  # all of it, to go where the model says
+        longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
+        shorter = min(1.0, 1 / max((np.abs(step) / longest).max(), 1e-300))  # all of it, to go where the model says
         trial = np.clip(z + shorter * step, low, high)
         new = goal.value(trial)
         if new < loss:

@@ -21,6 +21,7 @@ NOISE_KEYS = ("correlation", "loss", "groups", "known")
 TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
+MODULI = ("shear_modulus", "bulk_modulus")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -33,7 +34,7 @@ class FitFile:
     scene: SceneFile
     recording: Path | None
     reading: dict[str, Any]
-    places: dict[str, tuple[float, float, float]]
+    places: dict[str, Any]
     substeps: int | None
     settings: dict[str, Any]
     cutting: dict[str, Any]
@@ -58,7 +59,7 @@ def load_fit(path: Any) -> FitFile:
     """Read a fit file. Relative paths in it start at its folder.
 
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
-    NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
+    NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [fit] parameters, frame,
     compare, release, end, substeps, sigma, checks, own, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME
     = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
     instead of `recording` several [[take]] tables: name, recording, scene, held_out, release, end; [output] folder.
@@ -109,11 +110,19 @@ def _recording(top: Table) -> tuple[str | None, dict[str, Any]]:
     return table.text("file"), reading
 
 
-def _places(top: Table) -> dict[str, tuple[float, float, float]]:
+def _places(top: Table) -> dict[str, Any]:
     markers = top.table("markers", None, "[markers]")
     if not markers.values:
         raise SceneFileError("[markers] is missing or empty: give each marker's place, like tip = [0.1, 0.015, 0.03]")
-    return {name: markers.vector(name, unit="m") for name in markers.values}
+    return {name: _place(markers, name) for name in markers.values}
+
+
+def _place(markers: Table, name: str) -> Any:
+    """A place, or the name of a rigid body and a place on it."""
+    if not isinstance(markers.get(name), dict):
+        return markers.vector(name, unit="m")
+    table = markers.table(name, ("body", "at"), f"[markers] {name}")
+    return table.text("body"), table.vector("at", unit="m")
 
 
 def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
@@ -201,8 +210,8 @@ def _parameters(table: Table, scene: SceneFile) -> tuple[str, ...]:
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise table.wrong("parameters", 'a list of names, like ["young", "damping"]')
     known = known_constants(constants)
-    for name in names:
-        if name not in known:
+    for name in names:  # paths are looked up where the scene is built
+        if name not in known and "." not in name and name not in MODULI:
             raise SceneFileError(f"unknown parameter {name!r} in [fit]{suggestion(name, known)}")
     return tuple(names)
 

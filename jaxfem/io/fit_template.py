@@ -4,7 +4,10 @@ from jaxfem.io import fit_files
 from jaxfem.io.templates import Line, line, table
 
 FIT: dict[str, Line] = {
-    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
+    "parameters": (
+        '["young", "damping"]',
+        "constants of the materials, density, delay, paths like contact.floor.friction",
+    ),
     "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
     "compare": ('"displacement"', 'since the release; or "position"'),
     "release": ('"auto"', "found: the body is still at first; or a time in s"),
@@ -43,6 +46,7 @@ def fit_template(scene: str = "scene.toml") -> str:
         "",
         "[markers]                       # where each sits on the undeformed body, m",
         "tip = [0.2, 0.05, 0.2]",
+        '# corner = { body = "block", at = [0.1, 0, 0] }   # on a rigid body',
         "side = [0.1, 0.1, 0.15]",
         *table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
         *table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
