@@ -145,14 +145,17 @@ def write_results(folder: Path, result: FitResult, plots: bool = True) -> list[P
     summary = folder / "summary.txt"
     summary.write_text(result.summary() + "\n", encoding="utf-8")
     written = [values, summary, _write_residuals(folder / "residuals.csv", result)]
+    pictures = folder / "loss.png", folder / "measured_against_simulated.png"
+    for old in pictures:  # of an earlier fit: they would not show this one
+        old.unlink(missing_ok=True)
     if plots:
         try:
             require_matplotlib()
         except PlotError as problem:
             warning(f"{problem}; going on without them")
             return written
-        written.append(plot_loss(folder / "loss.png", result))
-        written.append(plot_fit(folder / "measured_against_simulated.png", result))
+        written.append(plot_loss(pictures[0], result))
+        written.append(plot_fit(pictures[1], result))
     return written
 
 
