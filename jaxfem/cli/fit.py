@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 
+from jaxfem.cli.fit_field import field_of, write_field
 from jaxfem.cli.messages import warning
 from jaxfem.fitting import FitError, FitResult, Take, attach, contributions, fit_takes, profile, read_recording, refine
 from jaxfem.io.fit_after_page import after_parts
@@ -73,12 +74,14 @@ def fitted(
     if finer:
         result = refine(result, takes_of(file, recording, finer=True))
     written = write_results(folder, result, plots)
+    after = _after(result) if profiles else []
+    if file.field:
+        path, part = write_field(folder, field_of(file, result, takes), takes[0].model)
+        written, after = [*written, path], [*after, part]
     files = {"fit": file.source, **_sources(file, recording)}
     scene = takes[0].model, takes[0].state
     settings = {**file.cutting, **file.settings}
-    written.insert(
-        1, write_report(folder / "report.html", result, scene, files, settings, _after(result) if profiles else [])
-    )
+    written.insert(1, write_report(folder / "report.html", result, scene, files, settings, after))
     return result, written
 
 

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.fields import KINDS
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
 from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
@@ -15,9 +16,10 @@ from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, s
 
 TOP_KEYS = ("scene", "recording", "take", "markers", "fit", "output")
 PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own")
-TABLES = ("noise", "priors", "bounds", "starts")
+TABLES = ("noise", "priors", "bounds", "starts", "field")
 FIT_KEYS = (*PLAIN_KEYS, *TABLES)
 NOISE_KEYS = ("correlation", "loss", "groups", "known")
+FIELD_KEYS = ("constant", "jump", "kind")
 TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
@@ -29,7 +31,8 @@ class FitFile:
     """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line) and how it is
     read (`reading`: unit, rate, camera), `places` of the
     markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit_takes`,
-    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any."""
+    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any;
+    `field`: constant, jump and kind of [fit.field], None without."""
 
     scene: SceneFile
     recording: Path | None
@@ -41,6 +44,7 @@ class FitFile:
     folder: Path
     source: Path
     takes: tuple["TakeEntry", ...] = ()
+    field: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -61,8 +65,9 @@ def load_fit(path: Any) -> FitFile:
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
     NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [fit] parameters, frame,
     compare, release, end, substeps, sigma, checks, own, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME
-    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
-    instead of `recording` several [[take]] tables: name, recording, scene, held_out, release, end; [output] folder.
+    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
+    [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
+    release, end; [output] folder.
     FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
     """
     source = Path(path)
@@ -80,6 +85,7 @@ def load_fit(path: Any) -> FitFile:
     try:
         settings, cutting = _settings(table, scene), _cutting(table)
         takes = _takes(top, source.parent, scene, cutting)
+        field = _field(table)
         settings["held_out"] = tuple(each.name for each in takes if each.held_out)
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
@@ -92,6 +98,7 @@ def load_fit(path: Any) -> FitFile:
         settings=settings,
         cutting=cutting,
         takes=takes,
+        field=field,
         folder=source.parent / output.text("folder", f"{source.stem}_fit"),
         source=source,
     )
@@ -138,6 +145,17 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
     settings["starts"] = _starts(table.table("starts", parameters, "[fit.starts]"))
     return settings
+
+
+def _field(table: Table) -> dict[str, Any] | None:
+    """The constant that is found element by element, where one is."""
+    if "field" not in table:
+        return None
+    own = table.table("field", FIELD_KEYS, "[fit.field]")
+    jump = own.number("jump", 1.2)
+    if not jump > 1:
+        raise own.wrong("jump", "the factor by which neighbours usually differ, above 1, like 1.2")
+    return {"constant": own.text("constant"), "jump": jump, "kind": own.choice("kind", KINDS, KINDS[0])}
 
 
 def _cutting(table: Table) -> dict[str, Any]:

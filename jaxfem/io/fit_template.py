@@ -23,6 +23,11 @@ NOISE: dict[str, Line] = {
     "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
     "known": ("false", "true: sigma is the standard deviation itself"),
 }
+FIELD: dict[str, Line] = {
+    "constant": ('"young"', "found element by element after the fit"),
+    "jump": ("1.2", "factor by which neighbours usually differ"),
+    "kind": ('"edges"', 'few large jumps; or "smooth"'),
+}
 RECORDING: dict[str, Line] = {
     "file": ('"recording.csv"', ""),
     "unit": ('"m"', "where the file does not say"),
@@ -57,6 +62,7 @@ def fit_template(scene: str = "scene.toml") -> str:
         "# [fit.starts]                  # each list one number a starting point",
         "# young = [1e5, 1e6]",
         "# damping = [1e-3, 1e-2]",
+        *table("# [fit.field]", fit_files.FIELD_KEYS, FIELD, ()),
         *table("[output]", fit_files.OUTPUT_KEYS, {"folder": ('"fitted"', "beside this file")}, ("folder",)),
     ]
     return "\n".join(parts) + "\n"

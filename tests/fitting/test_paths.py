@@ -203,3 +203,22 @@ def test_a_load_the_direction_of_gravity_and_a_speed_come_back_within_their_bars
     values, _, result = found(jf.Scene([body]), places, 1e-2, 30, 2e-5, start, scheme="generalized_alpha")
     assert values["load.0.z"] == pytest.approx(-0.02, rel=0.1) and abs(values["gravity.turn.x"]) < 0.02
     assert "velocity.b.y" in result.summary() and result.status == "converged"
+
+
+@pytest.mark.slow
+def test_near_incompressibility_the_bulk_modulus_has_a_lower_limit_alone():
+    """Markers of a body that hardly changes its volume tell that it does not, and how it shears."""
+    true = {"young": 2e5, "poisson": 0.4995}
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1))
+    body = jf.SoftBody(mesh, density=1070.0, damping=3e-3, fixed="x-", strain="smoothed", name="b", **true)
+    model, params, state = jf.build(jf.Scene([body]), scheme="generalized_alpha")
+    places = {"tip": (0.1, 0.015, 0.03), "left": (0.1, 0.0, 0.01), "middle": (0.05, 0.015, 0.03)}
+    recording = recorded(model, params, state, places, 1e-2, 24, 5e-5)
+    take = Take(model, params, state, recording, places, 1e-2, compare="position", release=0.0)
+    start = {"shear_modulus": 1e5, "bulk_modulus": 1e6}
+    result = fit_takes([take], parameters=list(start), starts=[start], search=QUICK)
+    shear, bulk = 2e5 / 2.999, 2e5 / 0.003
+    assert result.values["shear_modulus"] == pytest.approx(shear, rel=0.01)
+    low, high = result.intervals["bulk_modulus"]
+    assert high == np.inf and 3 * shear < low < bulk
+    assert f"at least {low:.5g}" in result.summary() and any("one side alone" in text for text in result.warnings)
