@@ -86,6 +86,7 @@ def prepared(file: SweepFile, engine: str, width: int | None) -> Sweep:
         every=scene.every if scene.steps % scene.every == 0 else 1,
         halvings=scene.halvings,
         outputs=file.outputs,
+        derivatives=file.derivatives,
         engine=engine,
         width=width,
         devices=jax.local_devices()[:1],

@@ -16,7 +16,7 @@ from jaxfem.sweeping.shards import digest
 from jaxfem.sweeping.taking import TAKEN, Taken
 
 TOP_KEYS = ("scene", "sweep", "values", "outputs", "output")
-SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes")
+SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes", "derivatives")
 OUTPUT_KEYS = ("folder", "table", "arrays", "plots")
 KINDS = ("grid", "random", "latin_hypercube", "table")
 
@@ -24,8 +24,8 @@ KINDS = ("grid", "random", "latin_hypercube", "table")
 @dataclasses.dataclass(frozen=True)
 class SweepFile:
     """A sweep as its file says: `scene`, `variants` (name -> (V, ...)), `outputs`, `engine`, `width` of a chunk (None:
-    what suits), `processes` (None: one a core), `folder`, kinds of `table` and `arrays`, whether there are `plots`, and
-    a `digest` of all that the numbers depend on."""
+    what suits), `processes` (None: one a core), variables of `derivatives`, `folder`, kinds of `table` and `arrays`,
+    whether there are `plots`, and a `digest` of all that the numbers depend on."""
 
     scene: SceneFile
     variants: Variants
@@ -34,6 +34,7 @@ class SweepFile:
     engine: str
     width: int | None
     processes: int | None
+    derivatives: tuple[str, ...]
     folder: Path
     table: str
     arrays: str
@@ -45,9 +46,9 @@ class SweepFile:
 def load_sweep(path: Any) -> SweepFile:
     """Read a sweep file. Relative paths in it start at its folder.
 
-    Top level: `scene`; [sweep] kind, count, seed, table, engine, width, processes; [values] NAME = list of values (a
-    grid), or [low, high], or [low, high, "log"]; [outputs] NAME = a word, or { kind, take, ... }; [output] folder,
-    table, arrays, plots. FileNotFoundError for a missing file, SceneFileError for what is wrong.
+    Top level: `scene`; [sweep] kind, count, seed, table, engine, width, processes, derivatives; [values] NAME = list of
+    values (a grid), or [low, high], or [low, high, "log"]; [outputs] NAME = a word, or { kind, take, ... }; [output]
+    folder, table, arrays, plots. FileNotFoundError for a missing file, SceneFileError for what is wrong.
     """
     source = Path(path)
     values = read_toml(source)
@@ -62,6 +63,7 @@ def load_sweep(path: Any) -> SweepFile:
             "engine": settings.choice("engine", (AUTO, *ENGINES.words()), AUTO),
             "width": settings.integer("width", None),
             "processes": settings.integer("processes", None),
+            "derivatives": _derivatives(settings),
             "folder": source.parent / output.text("folder", f"{source.stem}_results"),
             "table": output.choice("table", TABLES, "csv"),
             "arrays": output.choice("arrays", ARRAYS, "npy"),
@@ -70,8 +72,16 @@ def load_sweep(path: Any) -> SweepFile:
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
     scene = load_scene(scene_path)
-    words = repr((scene_path.read_text(encoding="utf-8"), values.get("outputs"), made["engine"], made["width"]))
+    how = made["engine"], made["width"], *made["derivatives"]
+    words = repr((scene_path.read_text(encoding="utf-8"), values.get("outputs"), *how))
     return SweepFile(scene=scene, source=source, digest=digest(words, made["variants"]), **made)
+
+
+def _derivatives(settings: Table) -> tuple[str, ...]:
+    names = settings.get("derivatives", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise settings.wrong("derivatives", 'a list of names of [values], like ["young"]')
+    return tuple(names)
 
 
 def _seed(settings: Table) -> int:

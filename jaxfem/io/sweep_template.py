@@ -15,6 +15,7 @@ SWEEP: dict[str, Line] = {
     "engine": ('"auto"', ""),
     "width": ("32", "variants a shard; what suits without it"),
     "processes": ("2", "one a core without it"),
+    "derivatives": ('["young"]', "of the outputs in these, beside them"),
 }
 OUTPUT: dict[str, Line] = {
     "folder": ('"swept"', "beside this file; NAME_results without it"),

@@ -14,15 +14,19 @@ Array = jax.Array
 Linear = Callable[[Array], Array]
 
 
-class Solved(Pytree):
-    """Solutions (nf, 3, lanes), `iterations`, relative `residual`, whether each lane has `converged`, and whether its
+class Outcome(Pytree):
+    """How a solve went, (lanes,) each: `iterations`, relative `residual`, whether it `converged`, and whether its
     numbers were `finite`."""
 
-    solution: Array
     iterations: Array
     residual: Array
     converged: Array
     finite: Array
+
+
+def norm(u: Array) -> Array:
+    """Of each lane, (lanes,)."""
+    return jnp.sqrt((u * u).sum((0, 1)))
 
 
 def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
@@ -43,14 +47,13 @@ def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
     return apply
 
 
-def solve(matrix: Linear, precondition: Linear, b: Array, target: Array, asked: Array, limit: Array) -> Solved:
-    """Until the last of the lanes `asked` (lanes,) has a residual below `target` (lanes,); those that have stand still.
+def solve(
+    matrix: Linear, precondition: Linear, b: Array, target: Array, asked: Array, limit: Array
+) -> tuple[Array, Outcome]:
+    """(x, outcome), until the last of the lanes `asked` (lanes,) has a residual below `target` (lanes,).
 
-    Each lane's numbers are its own: one that is not finite ends, and is not converged.
+    Those that have stand still. Each lane's numbers are its own: one that is not finite ends, and is not converged.
     """
-
-    def norm(u: Array) -> Array:
-        return jnp.sqrt((u * u).sum((0, 1)))
 
     def trip(state: Any) -> Any:
         x, r, p, rz, active, k = state
@@ -68,4 +71,4 @@ def solve(matrix: Linear, precondition: Linear, b: Array, target: Array, asked: 
     x, r, _, _, active, k = jax.lax.while_loop(lambda s: s[4].any() & (s[5].max() < limit), trip, start)
     left = norm(r)
     good = (left <= target) & ~active
-    return Solved(x, k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))
+    return x, Outcome(k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))
