@@ -99,15 +99,6 @@ def _turning(F: Components, R: Components, dF: Components) -> Components:
     return _cross(R[0], w), _cross(R[1], w), _cross(R[2], w)
 
 
-def turning(S: Components, b: Vector) -> Vector:
-    """w (...) of (tr(S) I - S) w = b: how R, the nearest rotation of F, turns where vex(dF R' - R dF') is b.
-
-    dR = skew(w) R, S = F R'. Linear and symmetric in b; guarded where `nearest_rotation` says.
-    """
-    scale = _scale(S)
-    return _guarded_solve(_spin_matrix(_scaled(S, scale)), tuple(v / scale for v in b))
-
-
 def _spin_matrix(S: Components) -> Components:
     # B = tr(S) I - sym(S); its eigenvalues are the sums of two singular values.
     xy, xz, yz = (-0.5 * (S[i][j] + S[j][i]) for i, j in ((0, 1), (0, 2), (1, 2)))

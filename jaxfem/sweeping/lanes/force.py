@@ -16,7 +16,7 @@ import jax.numpy as jnp
 from jax.custom_derivatives import linear_call
 
 from jaxfem.pytrees import Pytree, static
-from jaxfem.rotation import turning
+from jaxfem.rotation import _guarded_solve, _scale, _scaled, _spin_matrix
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.kernels import AXES, CYCLES, corner_rows, cross, nodal_sum, pairing, strain_stress
 
@@ -145,11 +145,12 @@ def _pulled(shared: tuple[Body, Array, Held], force: Array) -> Strained:
 
 
 def _spin(body: Body, stretch: Array, right: Array) -> Array:
-    """w (E + 1, 3, lanes) of (tr(S) I - S) w = right; its own transpose."""
+    """w (E + 1, 3, lanes) of (tr(S) I - S) w = right, guarded as in `nearest_rotation`; its own transpose."""
 
     def found() -> Array:
         s = tuple(tuple(stretch[:, i, j] for j in AXES) for i in AXES)
-        return jnp.stack(turning(s, tuple(right[:, i] for i in AXES)), 1)
+        scale = _scale(s)
+        return jnp.stack(_guarded_solve(_spin_matrix(_scaled(s, scale)), tuple(right[:, i] / scale for i in AXES)), 1)
 
     made: Array = body.fence(found)
     return made
