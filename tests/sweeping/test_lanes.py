@@ -99,6 +99,62 @@ def test_a_bad_lane_spoils_no_other():
     assert {Status(int(code)) for code in few.status} == {Status.ITERATION_LIMIT}
 
 
+def thrown(scheme, **build):
+    """Two free bodies that spin, one of them pulled, and one that is held."""
+    box = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1))
+    pull = [jf.PointForce(point=(0.1, 0.015, 0.015), force=(0.0, 0.05, 0.0))]
+    bodies = [
+        jf.SoftBody(box, young=1e5, poisson=0.3, density=1e3, damping=2e-3, loads=pull),
+        jf.SoftBody(box.translated((0, 0.1, 0)), young=3e4, poisson=0.4, density=8e2, damping=1e-3),
+        jf.SoftBody(box.translated((0, 0.2, 0)), young=3e5, poisson=0.4, density=8e2, fixed="x-"),
+    ]
+    model, params, state = jf.build(jf.Scene(bodies, gravity=(0, 0, -9.81)), scheme=scheme, **build)
+    return model, params, state
+
+
+def spinning(scene, rates):
+    """A start for each of `rates` [rad/s] about an axis across the free bodies; the second turns more slowly."""
+    model, _, state = scene
+    places, owner = np.asarray(state.positions), np.asarray(model.node_body)
+    arms = np.zeros_like(places)
+    for body in (0, 1):
+        arms[owner == body] = (1 - 0.2 * body) * (places[owner == body] - places[owner == body].mean(0))
+    return np.stack([rate * np.cross((0.2, 1.0, 0.3), arms) for rate in rates])
+
+
+@pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
+def test_free_bodies_are_rollouts(scheme):
+    """They fall, spin and turn far, over a factor of 100 in E; what turns too far in a step has that status."""
+    scene = thrown(scheme)
+    variants = {
+        "young": np.array([[1e5, 1e4, 1e5], [1e6, 1e5, 1e5], [1e4, 1e4, 1e5], [1e5, 1e5, 1e5], [1e5, 1e5, 1e5]]),
+        "state.velocities": spinning(scene, [0.0, 20.0, 5.0, 1.5, 80.0]),
+    }
+    loop, lanes = both(scene, variants)
+    assert lanes.engine == "lanes" and loop.status.tolist() == lanes.status.tolist()
+    assert lanes.good.tolist() == [True] * 4 + [False] and "turned too far" in str(lanes)
+    moved = np.abs(loop["x"] - np.asarray(scene[0].rest)).max((1, 2, 3), keepdims=True)
+    assert (np.abs(lanes["x"] - loop["x"]) / moved).max() < 1e-6
+    np.testing.assert_allclose(lanes["v"], loop["v"], atol=1e-6 * np.abs(loop["v"]).max())
+
+
+@pytest.mark.slow
+def test_derivatives_of_free_bodies():
+    """That turn in each step further than where rotations are those of its end; forwards and backwards."""
+    scene = thrown("backward_euler", tolerance=1e-11)
+    spins = spinning(scene, [20.0, 3.0])
+    variants = {"young": np.array([1e5, 1e4]), "dt": np.array([5e-3, 4e-3]), "state.velocities": spins}
+    share = jnp.asarray(np.random.default_rng(1).normal(size=scene[0].rest.shape))
+    outputs = {"whole": lambda run: (run.last.positions * share).sum() + (run.last.velocities * share).sum()}
+    loop, _ = derivatives_of(scene, variants, list(variants), outputs, "loop")
+    backwards, made = derivatives_of(scene, variants, list(variants), outputs, "lanes")
+    assert made.good.all()
+    few = derivatives_of(scene, variants, ["young", "dt"], outputs, "lanes")[0]
+    for key, want in loop.items():
+        for found in (backwards, few if key in few else backwards):
+            np.testing.assert_allclose(found[key], want, rtol=1e-6, atol=1e-7 * np.abs(want).max(), err_msg=str(key))
+
+
 def test_elements_inside_out():
     """Pushed through themselves at the start: the nearest rotation there is that of everywhere else."""
     model, params, state = beam((2, 1, 1), young=1e4)
@@ -187,9 +243,8 @@ def test_derivatives_in_single_precision_and_inside_out():
 def test_what_it_cannot_serve_goes_one_after_another():
     ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
     rigid = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
-    free = beam((2, 1, 1), fixed=None)
     smoothed = beam((2, 1, 1), strain="smoothed")
-    for scene, words in ((rigid, "soft bodies alone"), (free, "nothing holds"), (smoothed, "smooths it")):
+    for scene, words in ((rigid, "soft bodies alone"), (smoothed, "smooths it")):
         made = sweeping.Sweep(*scene, {"gravity[2]": [0.0]}, dt=DT, steps=1, outputs={"e": "energies"})
         assert made.engine.name == "loop" and words in made.reason
         with pytest.raises(jf.SweepError, match=words):

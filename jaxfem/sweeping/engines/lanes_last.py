@@ -39,7 +39,6 @@ class LanesLast(Engine):
             "takes lumped masses": not is_diagonal(model.mass),
             "takes the nearest rotation": model.rotation != "polar",
             "takes the method condensed with explicit rotations": type(model.method) is not Condensed,
-            "keeps no momentum of bodies that nothing holds": model.drifting is not None,
             "keeps no account of energy": state.account is not None,
             "takes no failed step again": task.halvings > 0,
             "takes scenes of build, not of rebuild": model.reshaped,

@@ -14,6 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 from jax.custom_derivatives import linear_call
+from jax.flatten_util import ravel_pytree
 
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rotation import _guarded_solve, _scale, _scaled, _spin_matrix
@@ -70,7 +71,16 @@ def _elastic_force_jvp(primals: Any, tangents: Any) -> tuple[Array, Array]:
     force = nodal_sum(body, corner_rows(body, stress, turned))
     stretch = pairing(body, at.base, turned) + body.nothing
     held = Held(stretch, strained, rates, stress, at.lam, at.mu, at.beta, at.spin is not None)
-    change: Array = linear_call(_pushed, _pulled, (body, turned, held), tangents[2])
+    # One flat vector: JAX cannot transpose a linear call where only some of its arguments have a tangent.
+    flat, shaped = ravel_pytree(tangents[2])
+
+    def pushed(shared: Any, flat: Array) -> Array:
+        return _pushed(shared, shaped(flat))
+
+    def pulled(shared: Any, force: Array) -> Array:
+        return ravel_pytree(_pulled(shared, force))[0]
+
+    change: Array = linear_call(pushed, pulled, (body, turned, held), flat)
     return force, change
 
 

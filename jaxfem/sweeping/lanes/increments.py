@@ -15,7 +15,8 @@ from jaxfem.schemes import Stage
 from jaxfem.solvers.differentiation import solved
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.force import Strained, elastic_force
-from jaxfem.sweeping.lanes.kernels import pairing, strain_force
+from jaxfem.sweeping.lanes.kernels import CYCLES, pairing, strain_force
+from jaxfem.sweeping.lanes.momentum import of_elements, of_nodes
 from jaxfem.sweeping.lanes.solve import Linear, Outcome, modal, norm, solve
 
 Array = jax.Array
@@ -38,20 +39,25 @@ class Lane(Pytree):
 
 
 class Frames(Pytree):
-    """Rotations of a step's start (E + 1, 3, 3, lanes), and `turned` (E + 1, 4, 3, lanes): R grad N_a; held."""
+    """Rotations of a step (E + 1, 3, 3, lanes), and `turned` (E + 1, 4, 3, lanes): R grad N_a; held.
+
+    Those of the step's start, turned on by `ahead` (b, 3, 3, lanes), None without free bodies.
+    """
 
     rotations: Array
     turned: Array
+    ahead: Array | None
 
 
 class Equation(Pytree):
     """What a step's solution depends on: the scheme's `stage`, the `lane`, weight and loads as impulses `load`, and the
-    `velocities` (n, 3, lanes) from which the increment leads."""
+    `velocities` (n, 3, lanes) from which the increment leads; `ahead`: that of the frames, with its derivative."""
 
     stage: Stage
     lane: Lane
     load: Array
     velocities: Array
+    ahead: Array | None
 
 
 class Effort(Pytree):
@@ -78,13 +84,28 @@ def left(body: Body, frames: Frames, equation: Equation, change: Array | None) -
         v = jnp.concatenate([v[:free] + change, v[free:]])
     place = stage.base + stage.reach * v if stage.ahead is None else stage.base + stage.ahead + stage.reach * v
     rate = stage.follow * v if stage.before is None else stage.before + stage.follow * v
+    base, spin = _turned_on(body, frames, equation)
     if lane.beta.shape[0] == 1:  # one damping for all elements: both in one pass
-        strained = Strained(stage.base, place + lane.beta * rate, None, lane.lam, lane.mu, None)
+        strained = Strained(base, place + lane.beta * rate, None, lane.lam, lane.mu, None, spin)
     else:
-        strained = Strained(stage.base, place, rate, lane.lam, lane.mu, lane.beta)
+        strained = Strained(base, place, rate, lane.lam, lane.mu, lane.beta, spin)
     force = elastic_force(body, frames.turned, strained)
     found: Array = (lane.mass * (stage.start - v) + equation.load - stage.weight * force)[:free]
     return found
+
+
+def _turned_on(body: Body, frames: Frames, equation: Equation) -> tuple[Array, Array | None]:
+    """The base turned on as the rotations are, and how these turn beside it (E + 1, 3, lanes): 0, with a derivative."""
+    base, ahead = equation.stage.base, equation.ahead
+    if body.loose is None or frames.ahead is None or ahead is None:
+        return base, None
+    turned = of_nodes(body.loose, frames.ahead)
+    base = sum((turned[:, :, j] * base[:, None, j] for j in (1, 2)), turned[:, :, 0] * base[:, None, 0])
+    # ahead frames' is 1, and its change is skew of the spin; not fenced, which would be one more thing to transpose.
+    turn = (ahead[:, :, None] * frames.ahead[:, None]).sum(3)
+    spin = 0.5 * jnp.stack([turn[:, j, i] - turn[:, i, j] for i, j in CYCLES], 1)
+    every = of_elements(body.loose, spin)
+    return base, jnp.broadcast_to(every, (len(body.corners), *every.shape[1:]))
 
 
 def _operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, Linear]:

@@ -15,7 +15,8 @@ from jaxfem.solvers.status import Status
 from jaxfem.stepping.begin import begun
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.increments import Effort, Equation, Frames, Lane, increment
-from jaxfem.sweeping.lanes.kernels import determinant, pairing, rotation, turned_gradients
+from jaxfem.sweeping.lanes.kernels import determinant, pairing, product, rotation, turned_gradients
+from jaxfem.sweeping.lanes.momentum import angles, kept, of_elements, turning_status, turns_ahead
 from jaxfem.sweeping.lanes.solve import Outcome, norm
 from jaxfem.system.carry import _sum
 from jaxfem.system.soft import prescribed_velocity
@@ -98,10 +99,28 @@ def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: A
     v = jnp.where(free, at.velocities, prescribed)
     floor = 16 * jnp.finfo(v.dtype).eps * (norm(load) + norm(lane.mass * at.velocities))
     effort = Effort(model.tolerance, jax.lax.stop_gradient(floor), model.max_iterations, at.failed == 0)
-    frames = Frames(r, turned_gradients(body, r))
-    change, outcome = increment(body, frames, Equation(stage, lane, load, v), effort)
+    angle = None if body.loose is None else angles(body.loose, lane.mass, at.positions, at.velocities, dt)
+    ahead = turns_ahead(angle) if angle is not None and model.scheme.straight else None
+    change, outcome = increment(body, _frames(body, r, ahead), Equation(stage, lane, load, v, ahead), effort)
     v = jnp.concatenate([v[: body.free] + change, v[body.free :]])
-    return _ended(model, body, at, dt, free, v, outcome, inverted)
+    if body.loose is not None:
+        defect = lane.mass * (v - stage.start) - load
+        v = kept(body.loose, lane.mass, at.positions, v, defect, model.scheme.straight)
+    ended, now = _ended(model, body, at, dt, free, v, outcome, inverted)
+    if angle is None:
+        return ended, now
+    # As elsewhere, the step that turned too far is taken, and has the status.
+    status = jnp.where(at.failed == 0, turning_status(model, angle, now.status), now.status)
+    return ended.replace(failed=status), now.replace(status=status)
+
+
+def _frames(body: Body, r: Array, ahead: Array | None) -> Frames:
+    """The rotations of a step from those `r` of its start."""
+    if ahead is None or body.loose is None:
+        return Frames(r, turned_gradients(body, r), None)
+    held = jax.lax.stop_gradient(ahead)
+    r = product(body, of_elements(body.loose, held), r)
+    return Frames(r, turned_gradients(body, r), held)
 
 
 def _ended(
