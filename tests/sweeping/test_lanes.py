@@ -8,6 +8,7 @@ from scenes import beam
 
 import jaxfem as jf
 from jaxfem import sweeping
+from jaxfem.materials.linear import Linear
 from jaxfem.solvers import Status
 from jaxfem.sweeping.lanes.body import padded
 
@@ -61,6 +62,24 @@ def test_lanes_are_rollouts(scheme):
     assert (np.abs(lanes["x"] - loop["x"]) / moved).max() < 1e-6
     np.testing.assert_allclose(lanes["v"], loop["v"], atol=1e-6 * np.abs(loop["v"]).max())
     np.testing.assert_allclose(lanes["energy.elastic"], loop["energy.elastic"], rtol=1e-5, atol=1e-9)
+
+
+class Halved(Linear):
+    """A law of one's own: half as stiff as its Young's modulus says."""
+
+    def stiffness(self, values):
+        return tuple(0.5 * each for each in super().stiffness(values))
+
+
+def test_a_law_of_ones_own():
+    """What is linear and without a memory is served whatever its class."""
+    box = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1))
+    law = Halved(young=2e5, poisson=0.3, damping=1e-3)
+    own = jf.build(jf.Scene([jf.SoftBody(box, material=law, density=1e3, fixed="x-")], gravity=(0, 0, -9.81)))
+    plain = beam((2, 1, 1), young=1e5, poisson=0.3, damping=1e-3, density=1e3)
+    options = {"dt": DT, "steps": STEPS, "every": 5, "outputs": {"x": "positions"}, "engine": "lanes"}
+    found, want = jf.sweep(*own, {"young": [2e5]}, **options), jf.sweep(*plain, {"young": [1e5]}, **options)
+    np.testing.assert_allclose(found["x"], want["x"], atol=1e-9)
 
 
 def test_single_precision():
@@ -244,7 +263,10 @@ def test_what_it_cannot_serve_goes_one_after_another():
     ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
     rigid = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
     smoothed = beam((2, 1, 1), strain="smoothed")
-    for scene, words in ((rigid, "soft bodies alone"), (smoothed, "smooths it")):
+    dragged = beam((2, 1, 1), mass_damping=1.0)
+    rubber = beam((2, 1, 1), build={"rotation_update": "implicit"})
+    refused = ((rigid, "bodies alone"), (smoothed, "smooths it"), (dragged, "mass-prop"), (rubber, "as it is"))
+    for scene, words in refused:
         made = sweeping.Sweep(*scene, {"gravity[2]": [0.0]}, dt=DT, steps=1, outputs={"e": "energies"})
         assert made.engine.name == "loop" and words in made.reason
         with pytest.raises(jf.SweepError, match=words):

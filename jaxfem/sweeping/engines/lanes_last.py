@@ -6,8 +6,8 @@ from typing import Any, ClassVar
 import jax
 
 from jaxfem.elements.mass import is_diagonal
-from jaxfem.materials.linear import Linear
-from jaxfem.methods.nodes.method import Condensed
+from jaxfem.elements.tetra import has_energy
+from jaxfem.methods.base import solves_as_it_is
 from jaxfem.model import Model, Params, State
 from jaxfem.sweeping.engines.base import Engine, Kept, Task
 from jaxfem.sweeping.lanes.body import Body, body_of
@@ -31,14 +31,16 @@ class LanesLast(Engine):
     def refuses(self, task: Task) -> str | None:
         """What is not written with lanes last."""
         model, state = task.model, task.state
-        plain = len(model.domains) == 1 and model.domains[0].part == "full" and model.domains[0].members is None
+        linear = not model.nonlinear and not model.has_memory
         reasons = {
             "takes soft bodies alone, and this scene has rigid bodies, joints or contacts": model.coupled,
-            "takes the linear law, and this scene has another": any(type(law) is not Linear for law in model.laws),
-            "takes strain of elements, and this scene smooths it": not plain,
+            "takes laws that are linear and without a memory, and this scene has another": not linear,
+            "takes strain of elements, and this scene smooths it": not all(each.by_element for each in model.domains),
+            "takes one law for all bodies": len(model.domains) != 1,
+            "takes no mass-proportional damping": model.dragged,
             "takes lumped masses": not is_diagonal(model.mass),
-            "takes the nearest rotation": model.rotation != "polar",
-            "takes the method condensed with explicit rotations": type(model.method) is not Condensed,
+            "takes the nearest rotation": not has_energy(model.rotation),
+            f'takes methods that solve the step as it is, not "{model.method.name}"': not solves_as_it_is(model.method),
             "keeps no account of energy": state.account is not None,
             "takes no failed step again": task.halvings > 0,
             "takes scenes of build, not of rebuild": model.reshaped,
