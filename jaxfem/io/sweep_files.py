@@ -9,6 +9,7 @@ from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml
 from jaxfem.sweeping.chunks import AUTO
 from jaxfem.sweeping.engines import ENGINES
+from jaxfem.sweeping.indices import sobol
 from jaxfem.sweeping.merging import ARRAYS, TABLES
 from jaxfem.sweeping.outputs import OUTPUTS
 from jaxfem.sweeping.samples import Variants, grid, latin_hypercube, random, table
@@ -18,19 +19,20 @@ from jaxfem.sweeping.taking import TAKEN, Taken
 TOP_KEYS = ("scene", "sweep", "values", "outputs", "output")
 SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes", "derivatives")
 OUTPUT_KEYS = ("folder", "table", "arrays", "plots")
-KINDS = ("grid", "random", "latin_hypercube", "table")
+KINDS = ("grid", "random", "latin_hypercube", "sobol", "table")
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepFile:
-    """A sweep as its file says: `scene`, `variants` (name -> (V, ...)), `outputs`, `engine`, `width` of a chunk (None:
-    what suits), `processes` (None: one a core), variables of `derivatives`, `folder`, kinds of `table` and `arrays`,
-    whether there are `plots`, and a `digest` of all that the numbers depend on."""
+    """A sweep as its file says: `scene`, `variants` (name -> (V, ...)), `outputs`, whether there are `indices`, the
+    `engine`, `width` of a chunk (None: what suits), `processes` (None: one a core), variables of `derivatives`, the
+    `folder`, kinds of `table` and `arrays`, whether there are `plots`, and a `digest` of all that numbers depend on."""
 
     scene: SceneFile
     variants: Variants
     outputs: dict[str, Taken]
     seed: int
+    indices: bool
     engine: str
     width: int | None
     processes: int | None
@@ -60,6 +62,7 @@ def load_sweep(path: Any) -> SweepFile:
             "variants": _variants(settings, top.table("values", None, "[values]"), source.parent),
             "outputs": _outputs(top.table("outputs", None, "[outputs]")),
             "seed": _seed(settings),
+            "indices": settings.choice("kind", KINDS) == "sobol",
             "engine": settings.choice("engine", (AUTO, *ENGINES.words()), AUTO),
             "width": settings.integer("width", None),
             "processes": settings.integer("processes", None),
@@ -105,7 +108,7 @@ def _variants(settings: Table, values: Table, folder: Path) -> Variants:
             )
     if kind == "grid":
         return grid(values.values)
-    draw = random if kind == "random" else latin_hypercube
+    draw = {"random": random, "latin_hypercube": latin_hypercube, "sobol": sobol}[kind]
     return draw(values.values, settings.integer("count"), _seed(settings))
 
 

@@ -43,6 +43,11 @@ class SweepResult:
         """Of an output in a variable that the sweep was asked to differentiate in, (V, *output, *variable)."""
         return self.outputs[derivative_name(output, variable)]
 
+    def samples(self, output: str) -> tuple[np.ndarray, np.ndarray]:
+        """(X (g, d), Y (g, ...)) of the g variants that converged: what a surrogate of one's choice is fitted to."""
+        values = columns(self.variants)
+        return np.stack(list(values.values()), 1)[self.good], self.outputs[output][self.good]
+
     @property
     def good(self) -> np.ndarray:
         """Which variants converged at every step, (V,)."""
