@@ -218,9 +218,10 @@ def _with_rigid(
 ) -> System:
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
     middle, spin = world_inertia(bodies, mass, midway(bodies, rigid, dt)), free_spin(bodies, rigid, dt)
-    inertia, turning = middle, spin
+    inertia, turning, pulled = middle, spin, None
     if pulls(model):
-        inertia = middle + dt**2 * needed_stiffness(model, pull, middle, dt, at)
+        needed, pulled = needed_stiffness(model, pull, middle, dt, at)
+        inertia = middle + dt**2 * needed
         turning = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
@@ -230,6 +231,7 @@ def _with_rigid(
         mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
         target=jnp.concatenate([soft.target, *targets]),
         spin=spin,
+        pulled=pulled,
         prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
         free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
         floor=soft.floor + jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * jnp.linalg.norm(size)),
