@@ -2,9 +2,9 @@
 
 Clamped beams of 192 tetrahedra under their weight, E over a factor of 100, let go for 0.2 s: microseconds of processor
 time a variant and step, and beside each the error of the final positions, as a share of how far that variant moved,
-from steps of 0.2 ms by generalised alpha in float64 on the same mesh; median and largest of the variants. MuJoCo, if
-it is installed: `flexcomp` with `elasticity` of the same tetrahedra, nodes of the same masses, integrator "discrete"; its law
-is another where strains are large. Two devices against one: by the clock, with the machine's load beside it.
+from steps of 0.2 ms by generalised alpha in float64 on the same mesh; median and largest of the variants. MuJoCo, if it
+is installed: `flexcomp` with `elasticity` of the same tetrahedra, nodes of the same masses, integrator "discrete"; its
+law is another where strains are large. Two devices against one: by the clock, with the machine's load beside it.
 """
 
 import os
