@@ -89,6 +89,21 @@ class Identity(Transform):
 
 
 @dataclasses.dataclass(frozen=True)
+class Signed(Transform):
+    """A value of either sign, `size` sinh z: a step of z is a factor far from zero, and of about `size` near it."""
+
+    size: float = 1.0
+
+    def value(self, z: Array) -> Array:
+        """size sinh z."""
+        return self.size * jnp.sinh(z)
+
+    def unknown(self, value: float) -> float:
+        """Its inverse."""
+        return float(np.arcsinh(value / self.size))
+
+
+@dataclasses.dataclass(frozen=True)
 class Constant:
     """One constant of a law. Static: no arrays.
 
