@@ -1,6 +1,7 @@
 """Pages of the documentation that are made from the package when it is built, so that they cannot go stale."""
 
 import argparse
+import importlib
 import inspect
 from collections.abc import Iterator
 from typing import Any
@@ -12,6 +13,9 @@ from jaxfem.cli.main import parser
 from jaxfem.io.fit_template import fit_template
 from jaxfem.io.sweep_template import sweep_template
 from jaxfem.io.templates import scene_template
+
+MORE = ("fitting", "sweeping", "io")
+"""Packages with public names beside those that `jaxfem` itself has."""
 
 
 def on_files(files: Files, config: Any) -> Files:
@@ -46,6 +50,11 @@ def _python() -> Iterator[str]:
     for name in jaxfem.__all__:
         if inspect.ismodule(getattr(jaxfem, name)):
             yield f"::: jaxfem.{name}\n\n"
+    for package in MORE:
+        module = importlib.import_module(f"jaxfem.{package}")
+        others = [name for name in module.__all__ if name not in jaxfem.__all__]
+        yield f"## jaxfem.{package}\n\n{inspect.getdoc(module)}\n\n"
+        yield from (f"::: jaxfem.{package}.{name}\n\n" for name in others)
 
 
 def _commands(made: argparse.ArgumentParser) -> Iterator[str]:

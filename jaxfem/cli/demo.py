@@ -13,7 +13,7 @@ from jaxfem.cli.messages import error
 from jaxfem.fitting import FitResult, Recording, attach, marker_positions, write_recording
 from jaxfem.io.examples import beam_scene
 from jaxfem.io.fit_files import load_fit
-from jaxfem.io.scene_files import load_scene
+from jaxfem.io.scene_files import SceneFileError, load_scene
 from jaxfem.stepping import rollout
 
 TRUE = {"young": 2.6e5, "poisson": 0.4, "damping": 4e-3}
@@ -62,6 +62,7 @@ def add(subparsers: Any) -> None:
     )
     parser.add_argument("--out", metavar="FOLDER", default="demo", help="where everything goes (default: demo)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise in the recording")
+    parser.add_argument("--force", action="store_true", help="replace files that were edited since the demo wrote them")
     parser.set_defaults(run=run, cells=(6, 2, 2), steps=STEPS)
 
 
@@ -71,7 +72,12 @@ def run(args: argparse.Namespace) -> int:
     jax.config.update("jax_enable_x64", True)
     folder = Path(args.out)
     folder.mkdir(parents=True, exist_ok=True)
-    scene = _write_inputs(folder, args.cells, args.steps)
+    inputs = _inputs(args.cells, args.steps)
+    if not args.force:
+        _refuse_edited(folder, inputs)
+    for name, text in inputs.items():
+        (folder / name).write_text(text, encoding="utf-8")
+    scene = folder / "beam.toml"
     print("1. simulating the beam with the true material", flush=True)
     simulation = argparse.Namespace(file=str(scene), out=str(folder / "simulated"), steps=None, no_plots=False)
     simulation.force, simulation.resume = True, False
@@ -89,14 +95,28 @@ def run(args: argparse.Namespace) -> int:
     return 0
 
 
-def _write_inputs(folder: Path, cells: Any, steps: int) -> Path:
-    """beam.toml (the truth), beam_start.toml (where the fit starts) and fit.toml; returns the first."""
+def _inputs(cells: Any, steps: int) -> dict[str, str]:
+    """beam.toml (the truth), beam_start.toml (where the fit starts) and fit.toml: name -> text."""
+    made = {}
     for name, values in (("beam", TRUE), ("beam_start", START)):
-        text = beam_scene(values["young"], values["poisson"], values["damping"], cells, step=STEP, steps=steps, every=2)
-        (folder / f"{name}.toml").write_text(text, encoding="utf-8")
+        material = values["young"], values["poisson"], values["damping"]
+        made[f"{name}.toml"] = beam_scene(*material, cells, step=STEP, steps=steps, every=2)
     markers = "\n".join(f"{name} = {list(place)}" for name, place in MARKERS.items())
-    (folder / "fit.toml").write_text(_FIT.format(markers=markers), encoding="utf-8")
-    return folder / "beam.toml"
+    return made | {"fit.toml": _FIT.format(markers=markers)}
+
+
+def _refuse_edited(folder: Path, inputs: dict[str, str]) -> None:
+    """Refuse to write over files that someone has changed."""
+    edited = [
+        name
+        for name, text in inputs.items()
+        if (path := folder / name).is_file() and path.read_text(encoding="utf-8") != text
+    ]
+    if edited:
+        raise SceneFileError(
+            f"{' and '.join(edited)} in {folder} differ from what the demo writes (were they edited?): run them with "
+            "`jaxfem simulate` or `jaxfem fit`, or give --force to replace them, or --out FOLDER for another place"
+        )
 
 
 def _record(folder: Path, scene: Path, seed: int) -> None:

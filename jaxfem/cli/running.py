@@ -1,7 +1,6 @@
 """The loop of `jaxfem simulate`: chunks of frames through one compiled program, watched for failures."""
 
 import dataclasses
-import math
 import time
 from typing import Any
 
@@ -19,8 +18,9 @@ from jaxfem.solvers import Status
 from jaxfem.stepping.frames import Seen, Watch, begin, frames
 
 PACE = 0.5  # s that a call may take: an interruption is heard, and what was reached is written, between calls
-GROWTH = 4  # of the number of frames a call, from one
+GROWTH = 4  # of the number of steps from call to call
 ROOM = 64e6  # bytes of frames that wait to be written
+FIRST = 256  # steps that a first call takes at most, when nobody knows yet how long one lasts
 MOST_ROWS = 1 << 16  # steps a call, which leave a row each
 MOST = 64  # frames a call: what a call costs beside its steps is nothing by then
 
@@ -30,7 +30,8 @@ class Run:
     """A run in progress: after `done` of `steps` steps of `dt` [s] it is at `state`; a frame each `every` steps.
     A step that fails is taken again in halves `halvings` times.
 
-    `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call, of at most `most` frames.
+    `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call, of at most `most` frames; the
+    last frame was written after `framed` steps.
     """
 
     model: Model
@@ -41,6 +42,7 @@ class Run:
     every: int
     halvings: int = 0
     done: int = 0
+    framed: int = 0
     problem: str = ""
     interrupted: bool = False
     warned: bool = False
@@ -76,6 +78,7 @@ def advance(run: Run, writer: FrameWriter) -> None:
     """Take all steps and write the frames; an interruption or a failed step ends it early and is noted in `run`."""
     try:
         with Progress(run.steps, done=run.done) as bar:
+            run.framed = run.done
             if not run.done:
                 _written(run, writer)
             while run.done < run.steps and not run.problem:
@@ -88,9 +91,8 @@ def advance(run: Run, writer: FrameWriter) -> None:
 
 
 def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
-    """Frames by one call, as many as `PACE` allows; the last one may be of fewer steps."""
-    left = run.steps - run.done
-    every, count = min(run.every, left), min(_affordable(run), max(1, left // run.every))
+    """Frames by one call, as many as `PACE` allows, or a part of one that takes longer; the last may be shorter."""
+    every, count = _next(run)
     fresh = not run.chunks
     if fresh:
         bar.compiling()
@@ -116,29 +118,38 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
         bar.advance(every, f"t = {run.done * run.dt:.4g} s", compiled=fresh)
 
 
+def _next(run: Run) -> tuple[int, int]:
+    """Steps a frame and frames of the next call."""
+    allowed, left = _affordable(run), run.steps - run.done
+    due = min(run.framed + run.every - run.done, left)  # to the next frame
+    if due < run.every or allowed < run.every:
+        return min(due, allowed), 1
+    return run.every, min(allowed // run.every, run.most, left // run.every)
+
+
 def _affordable(run: Run) -> int:
-    """How many frames the next call takes: by how long the last took, which compiled nothing."""
+    """How many steps the next call takes: by how long the last took, which compiled nothing."""
     if len(run.chunks) < 2:
-        return 1
+        return min(run.every, FIRST)
     steps, seconds = run.chunks[-1]
-    last = max(1, steps // run.every)
-    return int(np.clip(PACE / max(seconds, 1e-9) * last, 1, min(GROWTH * last, run.most)))
+    most = min(GROWTH * steps, MOST_ROWS)
+    return int(np.clip(PACE / max(seconds, 1e-9) * steps, 1, most))
 
 
 def _room(run: Run) -> int:
     """Rows of steps that a call's arrays hold: a power of two, so that other frames a run seldom need a new program."""
-    return 1 << (run.most * run.every - 1).bit_length()
+    return 1 << (min(run.most * run.every, MOST_ROWS) - 1).bit_length()
 
 
 def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info: StepInfo, steps: list[Seen]) -> None:
     """Take note of a frame and the `steps` to it from the last: written, or the end of the run."""
     count = len(steps)
     if _failed(following, info):
-        # The run has stopped there: its time says at which step.
-        taken = max(1, math.ceil((float(following.time) - float(run.state.time)) / run.dt - 1e-3))
-        run.problem = _problem(run, run.done + min(taken, count), following, info)
-        run.done += min(taken, count) - 1
-        _recorded(writer, steps[: min(taken, count) - 1])
+        # The run has stopped there: all later rows repeat the one of the step that failed.
+        before = next((at for at, each in enumerate(steps) if each.time == following.time), count - 1)
+        run.problem = _problem(run, run.done + before + 1, following, info)
+        run.done += before
+        _recorded(writer, steps[:before])
         return
     if int(info.inverted) and not run.warned:
         bar.clear()
@@ -146,7 +157,9 @@ def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info:
         run.warned = True
     run.state, run.done = following, run.done + count
     _recorded(writer, steps)
-    _written(run, writer, recorded=True)
+    if run.done in (run.framed + run.every, run.steps):
+        run.framed = run.done
+        _written(run, writer, recorded=True)
 
 
 def _recorded(writer: FrameWriter, steps: list[Seen]) -> None:

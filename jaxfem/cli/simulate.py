@@ -18,6 +18,7 @@ from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 from jaxfem.mesh.topology import boundary_faces
 
 EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
+PICTURES = ("energies.png", "shapes.png", "points.png")
 FEW_POINTS = 2  # with more tracked points, three lines each would be too many
 
 
@@ -42,6 +43,7 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     plots = not args.no_plots and _can_plot()
     index = folder / f"{file.source.stem}.pvd"
+    _refuse_others(index)
     if not (args.resume or args.force):
         _refuse_old(index)
     model, params, state = file.build()
@@ -60,6 +62,8 @@ def run(args: argparse.Namespace) -> int:
     with FrameWriter(folder, file.source.stem, model, params, file.points, file.tensors, kept=kept, **looks) as writer:
         advance(job, writer)
     wall = time.perf_counter() - begun
+    for old in PICTURES:  # of an earlier run: they would not show this one
+        (folder / old).unlink(missing_ok=True)
     pictures = _plots(writer) if plots and writer.saved else []
     if job.interrupted:
         error(f"interrupted after step {job.done} of {job.steps} (t = {job.done * job.dt:g} s)")
@@ -81,6 +85,16 @@ def _refuse_old(index: Path) -> None:
             f"{index} lists {len(frames)} frames of an earlier run, to t = {frames[-1][0]:g} s: give --resume to go on "
             "from there, --force to replace them, or --out FOLDER for another place"
         )
+
+
+def _refuse_others(index: Path) -> None:
+    """Refuse a folder that holds the results of another scene: both would write the same tables and pictures."""
+    for other in sorted(index.parent.glob("*.pvd")):
+        if other != index and checkpoint_path(other).is_file():
+            raise SceneFileError(
+                f"{index.parent} holds the results of another scene, {other.name}, whose tables this run would "
+                "replace: give --out FOLDER for another place, or remove the folder"
+            )
 
 
 def _summary(job: Run, wall: float, writer: FrameWriter, pictures: list[Path], file: SceneFile) -> str:

@@ -2,6 +2,7 @@
 
 import contextlib
 import csv
+import glob
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -95,7 +96,7 @@ class FrameWriter:
             tables = (self.folder / name for name in ("energies.csv", "points.csv", "rigid.csv"))
             for old in (self.index, checkpoint_path(self.index), *tables):
                 old.unlink(missing_ok=True)
-        for old in frames.glob(f"{self.name}_*.vtu"):
+        for old in frames.glob(f"{glob.escape(self.name)}_*.vtu"):
             number, _, part = old.stem[len(self.name) + 1 :].partition("_")
             if number.isdigit() and int(number) >= self.kept and (not part or part in PARTS):
                 old.unlink()

@@ -1,6 +1,7 @@
 """Sorting out what a mesh file holds: solids made tetrahedra; tagged triangles, lines and vertices made groups."""
 
 import dataclasses
+from pathlib import Path
 
 import numpy as np
 
@@ -160,7 +161,8 @@ def _no_solids(raw: RawMesh, source: str) -> str:
     if any(dimension(kind) == 2 for kind in counts) and all(dimension(kind) is not None for kind in counts):
         return (
             f"no tetrahedra in {source}: it holds a surface ({found}), which has no volume: fill it with "
-            f"jaxfem.mesh.from_surface(*jaxfem.mesh.read_surface({source!r})) or `jaxfem mesh make` (a convex one with "
-            "from_convex_surface, which needs nothing else), or with a mesher such as Gmsh"
+            f"jaxfem.mesh.from_surface(*jaxfem.mesh.read_surface({source!r})), `jaxfem mesh make` or, in a scene file, "
+            f'mesh = {{ surface = "{Path(source).name}" }} (a convex one with from_convex_surface, which needs nothing '
+            "else), or with a mesher such as Gmsh"
         )
     return f"no tetrahedra in {source}: found {found}; mesh the volume with tetrahedra"

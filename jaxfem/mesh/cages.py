@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from .checks import Floats, Ints, MeshError, as_points, is_positive
+from .checks import Floats, Ints, MeshError, as_points, as_triangles, is_positive
 from .generators import CUTS, box
 from .tet import TetMesh
 
@@ -33,9 +33,8 @@ def cage(
     surface is outside. `notes` say what the cage holds beside the surface's volume: its mass is that of all the cage.
     MeshError for what is no surface, and for both size and elements.
     """
-    places, faces = as_points(points, name), np.asarray(triangles)
-    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(places):
-        raise MeshError(f'triangles of "{name}" have shape {faces.shape}: give (k, 3), numbers of {len(places)} points')
+    places = as_points(points, name)
+    faces = as_triangles(triangles, len(places), name)
     if size is not None and elements is not None:
         raise MeshError(f'the cage "{name}" is given both size and elements: give one of them')
     for what, value in (("size", size), ("elements", elements)):

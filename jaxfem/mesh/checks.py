@@ -94,6 +94,20 @@ def as_cells(cells: Any, nodes: int, name: str) -> Ints:
     return integers
 
 
+def as_triangles(triangles: Any, nodes: int, name: str) -> Ints:
+    """A copy of a surface as int64 (k, 3) whose entries are all below `nodes`; MeshError otherwise."""
+    faces = as_integers(triangles, f'triangles of "{name}"')
+    if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
+        raise MeshError(f'triangles of "{name}" have shape {faces.shape}: give (k, 3), three node numbers a triangle')
+    bad = np.flatnonzero(((faces < 0) | (faces >= nodes)).any(axis=1))
+    if len(bad):
+        raise MeshError(
+            f'the triangles of "{name}" use a node that does not exist: triangle {bad[0]} has '
+            f"{faces[bad[0]].tolist()}; give (k, 3) node numbers from 0 to {nodes - 1}"
+        )
+    return faces
+
+
 def as_integers(values: Any, what: str) -> Ints:
     """A copy as int64; MeshError for anything that is not of an integer type (an empty list passes)."""
     array = np.asarray(values)

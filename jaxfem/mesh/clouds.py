@@ -51,11 +51,7 @@ def from_convex_surface(points: Any, triangles: Any, spacing: float | None = Non
     surface's mean edge length. MeshError for a surface that is open or not convex, or a spacing that is not positive.
     """
     cloud = checks.as_points(points, name)
-    faces = checks.as_integers(triangles, f'triangles of "{name}"')
-    if faces.ndim != 2 or faces.shape[1:] != (3,) or not len(faces):
-        raise MeshError(f'triangles of "{name}" have shape {faces.shape}: give (k, 3), three node numbers a triangle')
-    if faces.min() < 0 or faces.max() >= len(cloud):
-        raise MeshError(f'the triangles of "{name}" use a node that does not exist: nodes are 0 to {len(cloud) - 1}')
+    faces = checks.as_triangles(triangles, len(cloud), name)
     used, faces = np.unique(faces, return_inverse=True)
     cloud, faces = cloud[used], faces.reshape(-1, 3)
     hull = _hull(cloud, name)

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from .apart import run_apart
-from .checks import Floats, Ints, MeshError, as_points, flipped, is_positive
+from .checks import Floats, Ints, MeshError, as_points, as_triangles, flipped, is_positive
 from .tet import TetMesh
 
 FINENESS = 12
@@ -56,11 +56,8 @@ def from_surface(
     Without `size` there are about twelve edges along the diagonal. MeshError where `pytetwild` is not installed, fails,
     finds no inside, or takes longer than `seconds`.
     """
-    places, faces = as_points(points, name), np.asarray(triangles)
-    if faces.ndim != 2 or faces.shape[1] != 3 or not len(faces) or faces.min() < 0 or faces.max() >= len(places):
-        raise MeshError(
-            f'triangles of "{name}" have shape {faces.shape}: give (k, 3), numbers of its {len(places)} points'
-        )
+    places = as_points(points, name)
+    faces = as_triangles(triangles, len(places), name)
     diagonal = float(np.linalg.norm(np.ptp(places[np.unique(faces)], axis=0)))
     length = diagonal / FINENESS if size is None else size
     for what, value in (("size", length), ("closeness", closeness), ("seconds", seconds)):

@@ -83,7 +83,10 @@ def coupled_system(
     for name, rows in extra.items():
         hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name), gives.get(name, 0))
     system = system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
-    return system.replace(trace={joint_name(label): traces[joint_name(label)] for label in model.joints})
+    looked_at = [joint_name(label) for label in model.joints]
+    if model.rigid is not None:
+        looked_at += [contact_name(label) for label, group in model.contacts.items() if not group.give]
+    return system.replace(trace={name: traces[name] for name in looked_at})
 
 
 def _extra_rows(

@@ -69,3 +69,20 @@ def test_a_checkpoint_knows_no_frame_that_the_index_does_not_list(scene, tmp_pat
     monkeypatch.setattr(running, "save_checkpoint", checked)
     assert simulated(scene(), "--steps", "8", "--no-plots") == 0
     assert all(listed == frames for listed, frames in kept) and kept[-1] == (9, 9) and len(kept) < 9
+
+
+def test_a_frame_that_takes_long_is_taken_in_parts(scene, tmp_path, monkeypatch):
+    """So that an interruption is heard, and a call's arrays stay small: frames and tables are the same."""
+    calls, take = [], running.frames
+    path = scene(every=5)
+    assert simulated(path, "--no-plots", "--out", str(tmp_path / "whole")) == 0
+    monkeypatch.setattr(running, "frames", lambda *args, **most: calls.append(args[4:]) or take(*args, **most))
+    monkeypatch.setattr(running, "PACE", 0)
+    monkeypatch.setattr(running, "FIRST", 2)
+    assert simulated(path, "--no-plots", "--out", str(tmp_path / "parts")) == 0
+    assert calls == [(1, 2), (1, 2), (1, 1), (1, 1)]  # to the frames after five and six steps
+    for name in ("energies.csv", "points.csv"):
+        whole, parts = (np.array(rows(tmp_path / where / name)[1:], float) for where in ("whole", "parts"))
+        np.testing.assert_allclose(parts, whole, rtol=1e-6, atol=1e-9)
+    times = [frame.time for frame in read_frames(tmp_path / "parts" / "run.pvd")]
+    np.testing.assert_allclose(times, [0, 0.05, 0.06], atol=1e-9)

@@ -8,11 +8,12 @@ import pytest
 from jaxfem.cli import demo
 from jaxfem.cli.main import main, parser
 from jaxfem.fitting import read_recording
+from jaxfem.io import SceneFileError
 
 
 @pytest.mark.slow
 def test_the_demo_runs_through_and_leaves_its_files(tmp_path, capsys):
-    args = argparse.Namespace(out=str(tmp_path), seed=1, cells=(4, 1, 1), steps=50)
+    args = argparse.Namespace(out=str(tmp_path), seed=1, cells=(4, 1, 1), steps=50, force=False)
     assert demo.run(args) == 0
     told = capsys.readouterr().out
     assert "fitted/measured_against_simulated.png" in told and "+-" in told
@@ -31,6 +32,16 @@ def test_the_demo_runs_through_and_leaves_its_files(tmp_path, capsys):
         assert (tmp_path / name).is_file()
     recording = read_recording(tmp_path / "recording.csv")
     assert not recording.seen.all() and recording.names == tuple(demo.MARKERS)
+
+
+def test_files_that_someone_edited_are_not_written_over(tmp_path, capsys):
+    for name, text in demo._inputs((4, 1, 1), 50).items():
+        (tmp_path / name).write_text(text)
+    edited = (tmp_path / "beam.toml").read_text().replace("density", "# heavier\ndensity")
+    (tmp_path / "beam.toml").write_text(edited)
+    with pytest.raises(SceneFileError, match=r"beam.toml in .* differ.*--force"):
+        demo.run(argparse.Namespace(out=str(tmp_path), seed=1, cells=(4, 1, 1), steps=50, force=False))
+    assert (tmp_path / "beam.toml").read_text() == edited
 
 
 def test_the_command_is_there(capsys):

@@ -106,6 +106,19 @@ def test_options(scene, tmp_path, capsys):
     assert stop.value.code == 2 and "'0' is not a whole number of at least 1" in capsys.readouterr().err
 
 
+def test_results_of_two_scenes_do_not_share_a_folder(scene, tmp_path, capsys):
+    """Their tables would: refused, also with --force. Pictures of an earlier run go where none are drawn."""
+    path, out = scene(), tmp_path / "out"
+    assert simulated(path, "--steps", "2") == 0 and (out / "shapes.png").is_file()
+    other = path.with_name("other.toml")
+    other.write_text(path.read_text())
+    for force in ((), ("--force",)):
+        assert simulated(other, "--out", str(out), *force) == 2
+        assert "results of another scene, run.pvd" in capsys.readouterr().err
+    assert simulated(path, "--steps", "2", "--force", "--no-plots") == 0
+    assert not list(out.glob("*.png"))
+
+
 def test_interruption(scene, tmp_path, capsys, chunks):
     def interrupt(*_):
         raise KeyboardInterrupt

@@ -67,6 +67,8 @@ def test_wrong_arguments():
     for size, closeness in ((-1.0, None), (0.1, 0.0)):
         with pytest.raises(jf.MeshError, match="give a positive number"):
             jf.mesh.from_surface(BOX.points, BOX.surface, size, closeness=closeness)
+    with pytest.raises(jf.MeshError, match="give integers"):
+        jf.mesh.from_surface(BOX.points, BOX.surface.astype(float))
     with pytest.raises(jf.MeshError, match=r"give \(k, 3\)"):
         jf.mesh.from_surface(BOX.points, BOX.surface + 100)
 

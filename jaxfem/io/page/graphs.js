@@ -50,7 +50,10 @@ class Graph {
       pen.fillText(measured(value, unit), box.left - 4, y(value) + 4);
     }
     pen.textAlign = "center";
-    for (const value of ticks(first, last, 4)) pen.fillText(measured(value, "s"), x(value), box.bottom + 14);
+    for (const value of ticks(first, last, 4)) {
+      const text = measured(value, "s"), half = pen.measureText(text).width / 2;
+      pen.fillText(text, Math.min(x(value), canvas.clientWidth - half - 1), box.bottom + 14);
+    }
     lines.forEach((line, i) => {
       pen.strokeStyle = LINES[i % LINES.length];
       pen.lineWidth = 1.6;
