@@ -90,6 +90,11 @@ class Candidates(Pytree):
         """Least compliance of their rows, as a share of what a unit impulse moves their nodes by; 0: the solver's."""
         return 0.0
 
+    @property
+    def slip(self) -> float:
+        """The same of their friction rows alone, by which what sticks creeps."""
+        return 0.0
+
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""
         raise NotImplementedError
