@@ -95,6 +95,11 @@ class Candidates(Pytree):
         """The same of their friction rows alone, by which what sticks creeps."""
         return 0.0
 
+    @property
+    def deepest(self) -> Array | None:
+        """How deep (m,) [m] pairs may be: beyond, they are coming through. None where that is not watched."""
+        return None
+
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""
         raise NotImplementedError
