@@ -1,6 +1,7 @@
 """What `build` returns: the model (topology and configuration), params (what users fit and sweep), and the state."""
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any, NamedTuple, Protocol, Self
 
 import jax
@@ -167,6 +168,11 @@ class Model(Shaped):
     def has_memory(self) -> bool:
         """Whether a body's material remembers what happened to it (`State.internal`)."""
         return any(law.remembers for law in self.laws)
+
+    def bodies_of(self, wanted: Callable[[Material], bool]) -> str:
+        """The bodies whose law is `wanted`, each with its law, in words for messages; empty where none is."""
+        pairs = zip(self.bodies, self.laws, strict=True)
+        return ", ".join(f'"{body}" ({type(law).__name__})' for body, law in pairs if wanted(law))
 
     @property
     def nonlinear(self) -> bool:

@@ -68,7 +68,8 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
     """Where the scene rests under its loads: (state at rest, info).
 
     Starts from `state.positions`; fixed and driven nodes stay where `state` has them; velocities come out zero.
-    Materials that relax, such as `Viscoelastic`, are at rest with their relaxed stiffness, and remember it.
+    Materials that relax, such as `Viscoelastic`, are at rest with their relaxed stiffness, and remember it; those that
+    flow are refused: where they rest depends on the way there.
     `forces` (n, 3) [N]: extra nodal forces. Differentiable in params, the fixed nodes' positions and forces. Every body
     needs enough fixed nodes to be held: otherwise the status says that no equilibrium was found.
     """
@@ -78,10 +79,12 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         )
     if not has_energy(model.rotation):
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
-    if any(law.remembers and not law.relaxes for law in model.laws):
+    flowing = model.bodies_of(lambda law: law.remembers and not law.relaxes)
+    if flowing:
         raise StepError(
-            "equilibrium takes materials without a memory, and those that relax to the stiffness alone: others come to "
-            "rest by steps"
+            f"equilibrium cannot tell where {flowing} comes to rest: that depends on the way there. Apply the load "
+            "little by little in `step` or `rollout`, with damping, until it rests; materials without a memory, and "
+            "those that relax to their stiffness, are served"
         )
     params, state, forces = typed(model, params, state, forces)
     check_call(model, params, state, 1.0, forces)

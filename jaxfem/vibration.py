@@ -55,10 +55,12 @@ def modes(
         raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")
-    if model.has_memory:
+    remembering = model.bodies_of(lambda law: law.remembers)
+    if remembering:
         raise StepError(
-            "modes takes materials without a memory: others have no frequencies of their own. Give the body the Linear "
-            "law of its stiffness at the frequency asked for, of Viscoelastic the modulus that storage_and_loss tells"
+            f"modes takes materials without a memory, which {remembering} has: such a body has no frequencies of its "
+            "own. Give it the Linear law of its stiffness at the frequency asked for: of what flows the elastic "
+            "constants, of Viscoelastic the modulus that storage_and_loss tells"
         )
     params, state = typed(model, params, state)
     check_call(model, params, state, 1.0)

@@ -95,10 +95,11 @@ class J2Plastic(RotatedLaw, word="j2_plastic"):
     def counts(
         self, values: Values, before: Memory, after: Memory, strain: Array, dt: Array, rows: slice
     ) -> Mapping[str, Array]:
-        """Domains that flowed, and those at the edge of yield, to rounding: derivatives are one-sided there."""
+        """Domains that flowed, and apart from them those at the edge of yield, to rounding: derivatives are one-sided
+        there."""
         _, excess, _ = self._trial(values, strain[-5:], before)
         edge = EDGE * jnp.finfo(excess.dtype).eps * 2 * shear_modulus(values["young"], values["poisson"])
-        return {"flowing": jnp.sum(excess > 0), "at_yield": jnp.sum(jnp.abs(excess) <= edge)}
+        return {"flowing": jnp.sum(excess > edge), "at_yield": jnp.sum(jnp.abs(excess) <= edge)}
 
     def tensors(self, values: Values, internal: Memory, strain: Array, rows: slice) -> dict[str, Array]:
         """The plastic strain."""

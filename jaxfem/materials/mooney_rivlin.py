@@ -6,7 +6,7 @@ import jax
 import numpy as np
 
 from jaxfem.materials.base import Pair, Values
-from jaxfem.materials.constants import Constant, Identity, MaterialError
+from jaxfem.materials.constants import Constant, MaterialError, Signed
 from jaxfem.materials.invariants import first_of_shape, second_of_shape
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import stiffness_of_shear
@@ -29,7 +29,7 @@ C01 = Constant(
     "Pa",
     "must be a finite number of Pa; 0 makes the law neo-Hookean",
     label="Mooney-Rivlin constant C01",
-    transform=Identity(),
+    transform=Signed(size=1e2),
     bounds=(-1e7, 1e7),
     absolute=True,
 )

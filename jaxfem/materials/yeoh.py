@@ -5,7 +5,7 @@ from typing import Any
 import jax
 
 from jaxfem.materials.base import Pair, Values
-from jaxfem.materials.constants import Constant, Identity
+from jaxfem.materials.constants import Constant, Signed
 from jaxfem.materials.invariants import first_of_shape
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import stiffness_of_shear
@@ -29,7 +29,7 @@ C2 = Constant(
     "must be a finite number of Pa, usually 1e-2 of c1",
     label="Yeoh constant C2",
     default=0.0,
-    transform=Identity(),
+    transform=Signed(size=1e2),
     bounds=(-1e6, 1e6),
     absolute=True,
 )
@@ -39,7 +39,7 @@ C3 = Constant(
     "must be a finite number of Pa, usually 1e-4 to 1e-3 of c1",
     label="Yeoh constant C3",
     default=0.0,
-    transform=Identity(),
+    transform=Signed(size=1.0),
     bounds=(-1e5, 1e5),
     absolute=True,
 )

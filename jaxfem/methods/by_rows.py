@@ -107,16 +107,18 @@ def with_fresh_pull(
     def trip(carry: tuple[Impulses, Ended, Array], _: None) -> tuple[tuple[Impulses, Ended, Array], None]:
         pull, last, due = carry
 
-        def again(pull: Impulses, last: Ended) -> Ended:
+        def again(pull: Impulses, last: Ended) -> tuple[Ended, Array]:
             found = once(pull)
             info = found.solved.info
             info = info.replace(iterations=info.iterations + last.solved.info.iterations)
-            return found.replace(solved=found.solved.replace(info=info))
+            fresh = found.solved.impulses
+            assert fresh is not None
+            grew = pull_grew(model, middle, pull, fresh, dt, configuration(state))
+            return found.replace(solved=found.solved.replace(info=info)), grew
 
-        found: Ended = cond_any(due, recomputed(again), lambda _, last: last, pull, last)
+        found, due = cond_any(due, recomputed(again), lambda _, last: (last, jnp.bool_(False)), pull, last)
         assert found.solved.impulses is not None
-        fresh = found.solved.impulses
-        return (fresh, found, due & pull_grew(model, middle, pull, fresh, dt, configuration(state))), None
+        return (found.solved.impulses, found, due), None
 
     assert state.memory is not None
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, state.memory))

@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.quantities import positive, share
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
@@ -42,8 +43,8 @@ class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,), `restitution` (m,) and `separation` (m,) [m/s], the
     speed with which what is inside each other is moved apart at most."""
 
-    friction: Any = dataclasses.field(metadata=within(low=0))
-    restitution: Any = dataclasses.field(metadata=within(low=0, high=1))
+    friction: Any = dataclasses.field(metadata=within(low=0) | positive("friction", "", "friction"))
+    restitution: Any = dataclasses.field(metadata=within(low=0, high=1) | share("restitution", "restitution"))
     separation: Any = dataclasses.field(metadata=within(low=0, open_low=True, infinite=True))
 
 

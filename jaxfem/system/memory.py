@@ -8,6 +8,7 @@ import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_mean, domain_strains
 from jaxfem.elements.finite import LawMaterial
+from jaxfem.elements.stretch import domain_stretches
 from jaxfem.model import Model, Params, State, domain_materials, element_constants
 from jaxfem.schemes import Stage
 
@@ -77,14 +78,14 @@ def committed(
     if state.internal is None:
         return None, None
     values = element_constants(model, params)
-    strains = domain_strains(model.domains, positions, model.rotation)
+    strains = domain_stretches(model.domains, positions, model.rotation)
     made: list[Any] = []
     counts: dict[str, Array] = {}
-    for each, internal, (strain, _, _) in zip(model.domains, state.internal, strains, strict=True):
+    for each, internal, end in zip(model.domains, state.internal, strains, strict=True):
         if internal is None:
             made.append(None)
             continue
-        own, end = domain_values(each, values), jnp.stack(strain)
+        own = domain_values(each, values)
         made.append(each.law.commit(own, internal, end, dt, each.rows))
         found = each.law.counts(own, internal, made[-1], end, dt, each.rows)
         for word, count in jax.lax.stop_gradient(dict(found)).items():

@@ -11,7 +11,7 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.materials.base import LAWS
-from jaxfem.materials.constants import Identity, Logarithm, Logistic
+from jaxfem.materials.constants import Identity, Logarithm, Logistic, Signed
 from jaxfem.materials.linear import DAMPING, POISSON, YOUNG
 from jaxfem.materials.moduli import eigenstiffness, ratio_and_modulus
 
@@ -71,7 +71,13 @@ def test_moduli_and_back():
 
 @pytest.mark.parametrize(
     ("transform", "value"),
-    [(Logarithm(), 2e5), (Logistic(-1.0, 0.5), 0.45), (Logistic(0.0, 3.0), 2.0), (Identity(), -0.1)],
+    [
+        (Logarithm(), 2e5),
+        (Logistic(-1.0, 0.5), 0.45),
+        (Logistic(0.0, 3.0), 2.0),
+        (Identity(), -0.1),
+        (Signed(size=1e2), -3e4),
+    ],
 )
 def test_transforms_lead_back(transform, value):
     assert transform.low < value < transform.high

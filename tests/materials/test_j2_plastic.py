@@ -6,11 +6,13 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
+from jaxfem.declared.joints import Joint, Part, frame_along
 from jaxfem.elements import finite
 from jaxfem.materials.principal import slope_of
 from jaxfem.materials.rotated import rotated
 from jaxfem.methods.nodes.condensed import condensed_matrix, linearised
 from jaxfem.model import domain_materials
+from jaxfem.rows.locks import LineLock
 from jaxfem.system.memory import committed
 from jaxfem.system.soft import momentum_gradient, step_system
 from jaxfem.tensors import matrix_of
@@ -84,6 +86,42 @@ def test_steps_pull_a_bar_beyond_yield_and_let_it_go(strain):
     np.testing.assert_allclose(found, strains, rtol=0.01)
     domains = model.domains[0].count
     assert flowed == [0, domains, domains, 0, domains]
+
+
+class Rays(Joint):
+    """Each node of a soft body stays on the ray from the z axis through it: what symmetry says of a narrow sector."""
+
+    def parts(self, bodies, where):
+        """A line for each node."""
+        for place in bodies.soft[bodies.find(self.a, where)[1]].mesh.points:
+            frame = bodies.frame(None, frame_along((place[0], place[1], 0.0)), where)
+            ends = bodies.point(None, place, where), bodies.point(self.a, place, where)
+            yield Part("line", LineLock(*ends, frame), self.softness)
+
+
+@pytest.mark.slow
+def test_steps_blow_up_a_thick_cylinder_as_hill_says(layers=10):
+    """Plane strain, without hardening, by steps from rest so long that inertia is little. Yield is far below Young's
+    modulus: near collapse the pressure on a bore that grows would otherwise be felt."""
+    inner, outer, angle, yields = 1.0, 2.0, 0.1, YIELD / 100
+    mesh = jf.mesh.box((outer - inner, angle, angle), (layers, 1, 1))
+    radius, turn = inner + mesh.points[:, 0], mesh.points[:, 1]
+    points = np.stack([radius * np.cos(turn), radius * np.sin(turn), mesh.points[:, 2]], 1)
+    bent = jf.TetMesh(points, mesh.cells)
+    within = bent.surface[np.isclose(mesh.points[bent.surface, 0], 0.0).all(axis=1)]
+    law = jf.J2Plastic(young=YOUNG, poisson=POISSON, yield_stress=yields)
+    body = jf.SoftBody(bent, material=law, density=1e3, strain="nodal_volume", loads=[jf.Pressure(within, 1.0)])
+    scene = jf.Scene([body], gravity=(0, 0, 0), joints=[Rays(body, None)])
+    model, params, state = jf.build(scene, solver="condensed", tolerance=1e-8)
+    rim, shear = np.isclose(radius, outer), yields / np.sqrt(3)
+    for edge in (1.0, 1.4, 1.8):  # radius to which it has yielded
+        pressure = shear * (2 * np.log(edge / inner) + 1 - (edge / outer) ** 2)
+        resting = state.replace(velocities=0 * state.velocities)
+        state, info = jf.step(model, params.replace(loads=(jnp.asarray(pressure),)), resting, 4 * STILL)
+        assert int(info.status) == 0 and (int(info.counts["flowing"]) > 0) >= (edge > 1.1)
+        moved = np.mean(np.hypot(*np.asarray(state.positions)[rim, :2].T) - outer)
+        wanted = 2 * shear * (1 - POISSON**2) * edge**2 / (YOUNG * outer)
+        np.testing.assert_allclose(moved, wanted, rtol=0.01)
 
 
 def test_thick_cylinder_under_pressure(strain="nodal_volume"):

@@ -124,6 +124,21 @@ def test_the_edge_of_yield_is_counted_and_its_derivative_one_sided():
     assert min(abs(slope / side - 1) for side in sides) < 1e-6
 
 
+@pytest.mark.parametrize("name", [pytest.param("j2_plastic", marks=pytest.mark.slow), "creep_plastic"])
+def test_steps_tell_what_stands_at_the_edge_of_yield(name):
+    """A bar held in a shape beyond yield flows back to the surface in a step, and stands there in the next."""
+    body = jf.SoftBody(jf.mesh.box((0.1, 0.03, 0.03), 1), material=LAWS[name], density=1e3, fixed="all")
+    model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)))
+    sheared = state.replace(positions=state.positions.at[:, 0].add(0.05 * state.positions[:, 2]))
+    told = []
+    for start in (state, sheared):
+        for _ in range(2):
+            start, info = jf.step(model, params, start, 0.1)  # creep over it is more than all of the strain
+            told.append((int(info.counts["flowing"]), int(info.counts["at_yield"])))
+    count = model.domains[0].count
+    assert told == [(0, 0), (0, 0), (count, 0), (0, count)]
+
+
 @pytest.mark.parametrize("name", ["neo_hookean", "mooney_rivlin", "j2_plastic"])
 def test_equal_stretches_have_stress_and_tangent(name):
     """Turned rigidly, swollen evenly, two stretches equal: no stress at rest, and tangents are slopes of stresses."""
@@ -145,3 +160,18 @@ def test_equal_stretches_have_stress_and_tangent(name):
         step = jnp.zeros(9).at[k].set(1e-5).reshape(3, 3, 1)
         along = (slope_alone(gradients + step) - slope_alone(gradients - step)) / 2e-5
         np.testing.assert_allclose(along.reshape(9, -1), tangent[:, k], atol=1e-6 * size)
+
+
+def test_statics_and_modes_refuse_by_name_what_they_cannot_tell():
+    """Where a body that flows rests depends on the way; a body with a memory has no frequencies of its own."""
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), 1)
+    bodies = [
+        jf.SoftBody(mesh.translated((0, 0.1 * k, 0)), material=law, density=1e3, fixed="x-", name=name)
+        for k, (name, law) in enumerate([("plain", jf.Linear(**FIRM)), *LAWS.items()])
+    ]
+    scene = jf.build(jf.Scene([bodies[0], *bodies[3:]]))
+    flowing = r'"j2_plastic" \(J2Plastic\), "creep_plastic" \(CreepPlastic\) comes to rest'
+    with pytest.raises(jf.StepError, match=flowing):
+        jf.equilibrium(*scene)
+    with pytest.raises(jf.StepError, match=r'Plastic\), "viscoelastic" \(Viscoelastic\) has: .*storage_and_loss'):
+        jf.modes(*scene)
