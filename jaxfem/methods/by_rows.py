@@ -20,6 +20,7 @@ from jaxfem.system.coupled import configuration, coupled_system, midway_inertia,
 from jaxfem.system.giving import gave_way
 from jaxfem.system.holding import held, unmet
 from jaxfem.system.momentum import kept, turning_status, turns_ahead
+from jaxfem.system.piercing import piercing_status
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
@@ -77,6 +78,7 @@ class RowMethod(Method):
             status = held(model, params, configuration(following), found.missed, dt, status)
         if found.gave is not None:
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
+        status = piercing_status(model, state, status)
         return following, info.replace(status=turning_status(model, params, state, dt, status))
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:

@@ -86,7 +86,8 @@ def coupled_system(
     looked_at = [joint_name(label) for label in model.joints]
     if model.rigid is not None:
         looked_at += [contact_name(label) for label, group in model.contacts.items() if not group.give]
-    return system.replace(trace={name: traces[name] for name in looked_at})
+        looked_at += [friction_name(label) for label, group in model.contacts.items() if group.slip]
+    return system.replace(trace={name: traces[name] for name in looked_at if name in traces})
 
 
 def _extra_rows(
@@ -120,8 +121,9 @@ def _extra_rows(
 
 def _gives(model: Model) -> dict[str, float]:
     """Least share of compliance by group of rows, of those contacts that ask for one."""
-    asked = {label: group.give for label, group in model.contacts.items() if group.give > 0}
-    return {name(label): give for label, give in asked.items() for name in (contact_name, friction_name)}
+    asked = {contact_name(label): group.give for label, group in model.contacts.items()}
+    asked |= {friction_name(label): max(group.give, group.slip) for label, group in model.contacts.items()}
+    return {name: give for name, give in asked.items() if give > 0}
 
 
 def _plain_stage(state: State, dt: Array) -> Stage:
