@@ -38,6 +38,11 @@ ASIDE, EDGE = 0.01, 0.9
 the two normals below which there is an edge in between."""
 
 
+SAID_AGAIN = 1e-3
+"""Of what a unit impulse moves the nodes of a row by: how far rows yield that say what others of their contact say
+nearly too. What they do not share would have to be made of huge impulses that cancel."""
+
+
 class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,), `restitution` (m,) and `separation` (m,) [m/s], the
     speed with which what is inside each other is moved apart at most."""
