@@ -27,6 +27,9 @@ class TableLike(Protocol):
     def number(self, key: str, default: Any = REQUIRED, unit: str = "", positive: bool = False) -> Any:
         """A finite number."""
 
+    def integer(self, key: str, default: Any = REQUIRED) -> Any:
+        """A whole number, at least 1."""
+
     def vector(self, key: str, default: Any = REQUIRED, unit: str = "", length: int = 3) -> Any:
         """`length` finite numbers."""
 
@@ -84,6 +87,22 @@ class Number(Input):
     def flaw(self, value: Any) -> str:
         """It must be finite, and positive where that is asked for."""
         return _flaw_of_numbers(value, (), self.unit, self.positive)
+
+
+@dataclasses.dataclass(frozen=True)
+class Count(Input):
+    """A whole number, at least 1."""
+
+    example: ClassVar[str] = "2"
+
+    def read(self, table: TableLike, key: str, default: Any, sources: Sources) -> Any:
+        """Such a number."""
+        return table.integer(key, default)
+
+    def flaw(self, value: Any) -> str:
+        """It must be one."""
+        whole = isinstance(value, int | np.integer) and not isinstance(value, bool)
+        return "" if whole and value >= 1 else "give a whole number of at least 1"
 
 
 @dataclasses.dataclass(frozen=True)

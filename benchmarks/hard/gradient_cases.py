@@ -191,3 +191,34 @@ def grazing() -> Problem:
         return states.rigid.positions[-1, 0, 2], infos
 
     return Problem(end, 0.0, 1.0)
+
+
+@case("stacked boxes", "places, by friction")
+def stacked() -> Problem:
+    """Two boxes on the ground, the upper one slides on the lower: sixteen corners for what three would carry."""
+    lower = jf.RigidBody(jf.Box((0.4, 0.4, 0.1)), mass=1.0, position=(0, 0, 0.05), name="lower")
+    upper = jf.RigidBody(jf.Box((0.2, 0.2, 0.1)), mass=2.0, position=(0, 0, 0.15), velocity=(0.5, 0.2, 0), name="upper")
+    contacts = [jf.Contact(lower, jf.Plane()), jf.Contact(upper, lower)]
+    model, params, state = jf.build(jf.Scene([lower, upper], contacts=contacts), tolerance=TOLERANCE)
+
+    def end(friction: Any) -> Any:
+        states, infos = jf.rollout(model, with_friction(params, friction), state, 1 / 60, 6)
+        return weighted(states.rigid.positions[-1]), infos
+
+    return Problem(end, 0.2)
+
+
+@case("1000 kg on 1 g", "places, by Young's modulus")
+def heavy_on_light() -> Problem:
+    """A block dropped by a millimetre on a soft cube on the ground."""
+    mesh = jf.mesh.box((0.1,) * 3, 1, tets_per_cell=12, origin=(-0.05, -0.05, 0))
+    cube = jf.SoftBody(mesh, 1e8, 0.3, 1.0, damping=0.02, name="cube")
+    block = jf.RigidBody(jf.Box((0.1,) * 3), mass=1000.0, position=(0, 0, 0.151), name="block")
+    contacts = [jf.Contact(cube, jf.Plane()), jf.Contact(cube, block)]
+    model, params, state = jf.build(jf.Scene([cube, block], contacts=contacts), tolerance=TOLERANCE)
+
+    def end(share: Any) -> Any:
+        states, infos = jf.rollout(model, params.replace(young=params.young * share), state, 1 / 60, 4)
+        return weighted(states.rigid.positions[-1]) + weighted(states.positions[-1]), infos
+
+    return Problem(end, 1.0)

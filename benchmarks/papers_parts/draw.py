@@ -9,12 +9,15 @@ from matplotlib.figure import Figure
 
 def pictures(figures: dict[str, Any], folder: pathlib.Path) -> None:
     """PNG files of what the figures hold."""
-    if "A" in figures:
-        _few(figures["A"]["few_iterations"], folder / "papers_few_iterations.png")
-    if "B" in figures:
-        _orders(figures["B"]["convergence"], folder / "papers_springs.png")
-    if "C" in figures:
-        _times(figures["C"]["times"], folder / "papers_groups.png")
+    for paper, part, draw, name in (
+        ("A", "few_iterations", _few, "few_iterations"),
+        ("A", "bricks", _bricks, "bricks"),
+        ("B", "convergence", _orders, "springs"),
+        ("C", "times", _times, "groups"),
+        ("C", "equal_error", _errors, "equal_error"),
+    ):
+        if part in figures.get(paper, {}):
+            draw(figures[paper][part], folder / f"papers_{name}.png")
 
 
 def _axes(xlabel: str, ylabel: str, logarithmic: bool = True) -> tuple[Any, Any]:
@@ -60,5 +63,27 @@ def _few(given: dict[str, Any], path: pathlib.Path) -> None:
             style = "k-" if label == "converged" else "-" if label.startswith("pgs") else "--"
             name = label.replace("pgs", "Gauss-Seidel,").replace("mprgp", "MPRGP,")
             axes.plot([(i + 1) / 60 for i in range(len(course))], course, style, label=name, lw=1)
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path)
+
+
+def _bricks(given: dict[str, Any], path: pathlib.Path) -> None:
+    figure, axes = _axes("compliance of the rows, times that of 1 GPa", "iterations a step")
+    for solver in dict.fromkeys(row["solver"] for row in given["ours"]):
+        rows = [row for row in given["ours"] if row["solver"] == solver]
+        axes.plot([row["compliance"] for row in rows], [row["iterations"] for row in rows], marker="o", label=solver)
+    for name, theirs in given["paper"].items():
+        axes.axhline(theirs["iterations"], color="0.5", ls=":", label=f"paper, {name} regularisation")
+    axes.legend(frameon=False, fontsize=8)
+    figure.savefig(path)
+
+
+def _errors(rows: list[dict[str, Any]], path: pathlib.Path) -> None:
+    softest = min(row["young"] for row in rows)
+    figure, axes = _axes("error of the end's height, share of its way", "time of a run of 0.2 s (s)")
+    for method in dict.fromkeys(row["method"] for row in rows):
+        own = [row for row in rows if row["method"] == method and row["young"] == softest]
+        style = "--" if method.startswith("condensed") else "-"
+        axes.plot([row["error"] for row in own], [row["seconds"] for row in own], style, marker="o", label=method)
     axes.legend(frameon=False, fontsize=8)
     figure.savefig(path)

@@ -18,7 +18,7 @@ PAPER = {
 }
 
 
-def joint_grid():
+def joint_grid(quick):
     """The figures of benchmarks/joint_grid.py beside the paper's."""
     path = RESULTS / "joint_grid.json"
     ours = json.loads(path.read_text()) if path.is_file() else None
@@ -106,12 +106,9 @@ def preconditioned(quick):
     }
 
 
-def measure(quick):
-    """All of paper A."""
-    assert jax.config.jax_enable_x64
-    return {
-        "joint_grid": joint_grid(),
-        "few_iterations": few_iterations(quick),
-        "preconditioned": preconditioned(quick),
-        "bricks": bricks(quick),
-    }
+PARTS = {
+    "joint_grid": joint_grid,
+    "few_iterations": few_iterations,
+    "preconditioned": preconditioned,
+    "bricks": bricks,
+}

@@ -93,6 +93,4 @@ def rotations(quick):
     return rows
 
 
-def measure(quick):
-    """All of paper B."""
-    return {"convergence": convergence(quick), "rotations": rotations(quick)}
+PARTS = {"convergence": convergence, "rotations": rotations}

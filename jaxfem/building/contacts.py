@@ -15,10 +15,11 @@ from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
-from jaxfem.rows.contact import ContactValues, ShapeContacts, SurfaceContacts
+from jaxfem.rows.contact import Candidates, ContactValues, ShapeContacts, SurfaceContacts
 from jaxfem.rows.corners import CornerContacts
 from jaxfem.rows.nearby import MOST_POINTS, NearbyContacts
 from jaxfem.rows.patches import PatchContacts
+from jaxfem.rows.thinned import thinned
 
 
 def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -54,13 +55,13 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
     return rows, {label: _joined([each for _, each in parts], dtype) for label, parts in grouped.items()}
 
 
-def points_on_ground(meeting: Meeting) -> Iterator[ShapeContacts]:
+def points_on_ground(meeting: Meeting) -> Iterator[Candidates]:
     """Points of a against ground."""
     if meeting.ground is not None and len(meeting.points.radius):
         yield _against(meeting, meeting.points, meeting.ground, None)
 
 
-def ground_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+def ground_on_shape(meeting: Meeting) -> Iterator[Candidates]:
     """Peaks and corners of ground against the shape of a rigid a, unless that is a ball."""
     ground, shape = meeting.ground, meeting.a.shape
     if ground is None or shape is None or not (ground.has_points() and shape.is_obstacle()) or meeting.a.is_ball:
@@ -70,7 +71,7 @@ def ground_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
         yield _against(meeting, Touching(WorldPoint(places), radius), shape, meeting.a.number)
 
 
-def nodes_on_surfaces(meeting: Meeting) -> Iterator[SurfaceContacts]:
+def nodes_on_surfaces(meeting: Meeting) -> Iterator[Candidates]:
     """Points of a against the surface of a soft b; all of b's against a's too, where a's are not chosen."""
     a, b = meeting.a, meeting.b
     if b is None or b.kind != "soft" or a == b:
@@ -81,7 +82,8 @@ def nodes_on_surfaces(meeting: Meeting) -> Iterator[SurfaceContacts]:
     for points, other in ways:
         triangles = meeting.surface(other)
         each = np.broadcast_to(triangles, (len(points.radius), *triangles.shape))
-        yield SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough)
+        found = SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough)
+        yield thinned(found, meeting.contact.per_node) if meeting.is_embedded(points) else found
 
 
 def patches_on_each_other(meeting: Meeting) -> Iterator[PatchContacts]:
@@ -93,7 +95,7 @@ def patches_on_each_other(meeting: Meeting) -> Iterator[PatchContacts]:
         yield PatchContacts(points.points, each, margin, meeting.rough, deep=2 * margin)
 
 
-def points_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+def points_on_shape(meeting: Meeting) -> Iterator[Candidates]:
     """Points of a against the shape of a rigid b."""
     b = meeting.b
     if b is not None and b.shape is not None and b.shape.is_obstacle() and len(meeting.points.radius):
@@ -132,7 +134,7 @@ def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
     yield BoxEdges(one, other, half_a[None], half_b[None], origin_a, origin_b, margin, meeting.rough)
 
 
-def points_back_on_shape(meeting: Meeting) -> Iterator[ShapeContacts]:
+def points_back_on_shape(meeting: Meeting) -> Iterator[Candidates]:
     """Points of a rigid b against a's shape, unless a's balls tell all by themselves."""
     a, b = meeting.a, meeting.b
     if b is None or a.shape is None or b.shape is None or not a.shape.is_obstacle():
@@ -157,7 +159,7 @@ MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
 """What makes candidates of two partners, in the order of a group's entries; each yields none where it has no part."""
 
 
-def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None) -> ShapeContacts:
+def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None) -> Candidates:
     """`points` against a shape: that of a rigid body, or ground."""
     count = len(points.radius)
     numbers = offset = None
@@ -170,7 +172,8 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
     given = (points.points, points.radius, own, numbers, margin[:MOST_POINTS], meeting.rough, shape.shared)
     if count > MOST_POINTS and not isinstance(points.points, SoftPoint):
         return NearbyContacts(*given, offset=offset, most=MOST_POINTS)
-    return ShapeContacts(*given[:4], margin, *given[5:], offset=offset)
+    found = ShapeContacts(*given[:4], margin, *given[5:], offset=offset)
+    return thinned(found, meeting.contact.per_node) if meeting.is_embedded(points) else found
 
 
 def _joined(trees: list[Any], dtype: Any) -> Any:

@@ -70,6 +70,10 @@ class Meeting(NamedTuple):
         """The margin, once a point."""
         return np.full(len(points.radius), self.margin)
 
+    def is_embedded(self, points: Touching) -> bool:
+        """Whether they are vertices of a surface embedded in a soft body."""
+        return self.contact.surface is not None and points is self.points
+
     def points_of(self, side: Side) -> Touching:
         """The points with which a body touches."""
         return _points(self.contact, self.bodies, side, self.where)

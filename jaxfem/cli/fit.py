@@ -10,15 +10,16 @@ from typing import Any
 
 import jax
 
+from jaxfem.cli.fit_field import field_of, write_field
 from jaxfem.cli.messages import warning
-from jaxfem.fitting import FitError, FitResult, Take, attach, contributions, fit_takes, profile, read_recording
+from jaxfem.fitting import FitError, FitResult, Take, attach, contributions, fit_takes, profile, read_recording, refine
 from jaxfem.io.fit_after_page import after_parts
 from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
 from jaxfem.io.fit_json import as_json
 from jaxfem.io.fit_plots import plot_fit, plot_loss
 from jaxfem.io.fit_report import write_report
 from jaxfem.io.plots import PlotError, require_matplotlib
-from jaxfem.io.scene_files import SceneFileError
+from jaxfem.io.scene_files import SceneFileError, load_scene
 
 EXIT_INTERRUPTED = 130
 EVERY = 10.0  # s between lines of progress in a file
@@ -40,6 +41,11 @@ def add(subparsers: Any) -> None:
         action="store_true",
         help="profiles, and what held values add, in the page",
     )
+    parser.add_argument(
+        "--refine",
+        action="store_true",
+        help="refit at half the time step and on a mesh of eight times the elements: the discretisation's share",
+    )
     parser.add_argument("--force", action="store_true", help="replace the results of an earlier fit")
     parser.set_defaults(run=run)
 
@@ -50,23 +56,32 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
-    result, written = fitted(file, folder, args.recording, not args.no_plots, args.profiles)
+    result, written = fitted(file, folder, args.recording, not args.no_plots, args.profiles, args.refine)
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
     return EXIT_INTERRUPTED if result.status == "interrupted" else 0
 
 
 def fitted(
-    file: FitFile, folder: Path, recording: Any = None, plots: bool = True, profiles: bool = False
+    file: FitFile,
+    folder: Path,
+    recording: Any = None,
+    plots: bool = True,
+    profiles: bool = False,
+    finer: bool = False,
 ) -> tuple[FitResult, list[Path]]:
     """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
     result, takes = fit_from_file(file, recording)
+    if finer:
+        result = refine(result, takes_of(file, recording, finer=True))
     written = write_results(folder, result, plots)
+    after = _after(result) if profiles else []
+    if file.field:
+        path, part = write_field(folder, field_of(file, result, takes), takes[0].model)
+        written, after = [*written, path], [*after, part]
     files = {"fit": file.source, **_sources(file, recording)}
     scene = takes[0].model, takes[0].state
     settings = {**file.cutting, **file.settings}
-    written.insert(
-        1, write_report(folder / "report.html", result, scene, files, settings, _after(result) if profiles else [])
-    )
+    written.insert(1, write_report(folder / "report.html", result, scene, files, settings, after))
     return result, written
 
 
@@ -85,8 +100,8 @@ def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list
         return fit_takes(takes, progress=ticker.show, **file.settings), takes
 
 
-def takes_of(file: FitFile, recording: Any = None) -> list[Take]:
-    """The takes of a fit file, those held out behind the others."""
+def takes_of(file: FitFile, recording: Any = None, finer: bool = False) -> list[Take]:
+    """The takes of a fit file, those held out behind the others; `finer`: their scenes with refined meshes."""
     entries = file.takes
     if not entries or recording:
         source = recording or file.recording
@@ -98,7 +113,8 @@ def takes_of(file: FitFile, recording: Any = None) -> list[Take]:
     takes = []
     for each in sorted(entries, key=lambda entry: entry.held_out):
         samples = read_recording(each.recording, **each.reading)
-        model, params, state = each.scene.build()
+        scene = load_scene(each.scene.source, finer=True) if finer else each.scene
+        model, params, state = scene.build()
         dt = samples.spacing / file.substeps if file.substeps else each.scene.dt
         markers = attach(model, file.places)
         takes.append(Take(model, params, state, samples, markers, dt, name=each.name, **each.cutting))

@@ -17,6 +17,8 @@ from jaxfem.io.plots import PlotError
 from jaxfem.io.sweep_files import SweepFile, load_sweep
 from jaxfem.io.sweep_plots import plot_pairs, plot_responses
 from jaxfem.sweeping.chunks import Sweep
+from jaxfem.sweeping.errors import SweepError
+from jaxfem.sweeping.indices import sensitivity_indices, write_indices
 from jaxfem.sweeping.merging import Merged, merge
 from jaxfem.sweeping.result import columns
 from jaxfem.sweeping.shards import Manifest, missing, read_manifest, read_shard, shard_path, work, write_manifest
@@ -70,6 +72,8 @@ def run(args: argparse.Namespace) -> int:
         error(problem)
         return EXIT_FAILED
     merged = merge(folder, manifest, file.variants, file.table, file.arrays)
+    if file.indices:
+        merged.files.extend(_indices(file, folder, manifest))
     merged.files.extend(_plots(file, folder, manifest) if file.plots and not args.no_plots else [])
     print(_summary(file, manifest, merged, todo, time.perf_counter() - begun, processes, folder))
     return 0
@@ -86,6 +90,7 @@ def prepared(file: SweepFile, engine: str, width: int | None) -> Sweep:
         every=scene.every if scene.steps % scene.every == 0 else 1,
         halvings=scene.halvings,
         outputs=file.outputs,
+        derivatives=file.derivatives,
         engine=engine,
         width=width,
         devices=jax.local_devices()[:1],
@@ -149,15 +154,30 @@ def _imports(words: list[str], index: int) -> bool:
     return words[index].startswith("--import") or (index > 0 and words[index - 1] == "--import")
 
 
-def _plots(file: SweepFile, folder: Path, manifest: Manifest) -> list[Path]:
-    """Response curves and pairs, of what a table shows."""
+def _shown(folder: Path, manifest: Manifest) -> tuple[dict[str, np.ndarray], np.ndarray]:
+    """Outputs of one number by name (V,), and the statuses (V,)."""
     parts, status = [], []
     for number in range(manifest.shards):
         _, outputs, told, _ = read_shard(shard_path(folder, number), manifest)
         parts.append(columns(outputs))
         status.append(told["status"])
-    shown = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
-    good, values = np.concatenate(status) == 0, columns(file.variants)
+    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, np.concatenate(status)
+
+
+def _indices(file: SweepFile, folder: Path, manifest: Manifest) -> list[Path]:
+    """indices.csv; without it where an output does not vary or a variant failed."""
+    shown, status = _shown(folder, manifest)
+    try:
+        return [write_indices(folder / "indices.csv", sensitivity_indices(file.variants, shown, status, file.seed))]
+    except SweepError as problem:
+        warning(f"{problem}; going on without indices")
+        return []
+
+
+def _plots(file: SweepFile, folder: Path, manifest: Manifest) -> list[Path]:
+    """Response curves and pairs, of what a table shows."""
+    shown, status = _shown(folder, manifest)
+    good, values = status == 0, columns(file.variants)
     if not shown or not good.any():
         return []
     try:

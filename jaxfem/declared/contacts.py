@@ -4,7 +4,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
-from jaxfem.inputs import Flag, Nodes, Number, Text, Vertices, takes
+from jaxfem.inputs import Count, Flag, Nodes, Number, Text, Vertices, takes
 from jaxfem.rigid.shapes.base import Shape, obstacles
 
 
@@ -17,9 +17,10 @@ class Contact:
     its surface, or a selection ("all": those inside too, which come through ground where a body is pressed flat; where
     its weight or its speed at the start will do that, ground has rows for all without being asked), or in their place
     with the vertices `surface` (q, 3) [m] of a finer surface embedded in it, given where they are at the start (True:
-    those of the surface that the body declares): each moves with the element that holds it or is nearest to it. A rigid
-    body touches with what its shape's `features` lists, with its `segments` and its `circles`; their sharp points touch
-    the faces of soft bodies too.
+    those of the surface that the body declares): each moves with the element that holds it or is nearest to it. Of a
+    surface finer than the mesh at most `per_node` vertices a node take part in a step, those nearest to b: more say
+    much the same, and take longer. A rigid body touches with what its shape's `features` lists, with its
+    `segments` and its `circles`; their sharp points touch the faces of soft bodies too.
     `faces`: whether the triangles of soft `a` touch as well, for rigid `b` or ground that could slip between a's nodes;
     where b is thinner than the widest triangle if nothing is said.
     A soft body that is both `a` and `b` touches itself: the surface patch of `nodes` meets that of the nodes `against`,
@@ -45,6 +46,7 @@ class Contact:
     against: Any = field(default=None, metadata=takes(Nodes(optional=True)))
     cone: bool = field(default=False, metadata=takes(Flag()))
     faces: bool | None = field(default=None, metadata=takes(Flag(optional=True)))
+    per_node: int = field(default=2, metadata=takes(Count()))
 
     def __post_init__(self) -> None:
         refuse_traced(self)
@@ -56,6 +58,8 @@ class Contact:
         checked_number(f'restitution of "{self.label}"', self.restitution, low=0, high=1)
         if self.nodes is not None and self.surface is not None:
             raise SceneError(f'"{self.label}" has both nodes and surface: give the points that touch once')
+        if flaw := Count().flaw(self.per_node):
+            raise SceneError(f'per_node of "{self.label}" is {self.per_node!r}: {flaw}')
         for what in ("margin", "separation"):
             if getattr(self, what) is not None:
                 checked_number(f'{what} of "{self.label}"', getattr(self, what), low=0, open_low=True)

@@ -78,6 +78,11 @@ class Domains(Pytree):
         return self.cells.shape[0]
 
     @property
+    def by_element(self) -> bool:
+        """Whether all of the strain is taken, on elements."""
+        return self.part == "full" and self.members is None
+
+    @property
     def rows(self) -> slice:
         """Which of the six coefficients in the eigenbasis belong to this part."""
         return {"full": slice(0, 6), "deviatoric": slice(1, 6)}.get(self.part, slice(0, 1))

@@ -2,17 +2,20 @@
 
 from jaxfem.fitting.after import contributions, profile
 from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.fields import FieldFit, fit_field
 from jaxfem.fitting.markers import Markers, attach, marker_positions
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recording import Recording, read_recording, write_recording
 from jaxfem.fitting.recovery import fit, fit_takes
-from jaxfem.fitting.result import FitResult, TakeFit
+from jaxfem.fitting.refining import refine
+from jaxfem.fitting.result import FitResult, Refinement, TakeFit
 from jaxfem.fitting.search import Search
 from jaxfem.fitting.sensitivity import sensitivity
 from jaxfem.fitting.takes import Take
 
 __all__ = [
+    "FieldFit",
     "FitError",
     "FitResult",
     "Gaussian",
@@ -20,16 +23,19 @@ __all__ = [
     "Markers",
     "Noise",
     "Recording",
+    "Refinement",
     "Search",
     "Take",
     "TakeFit",
     "attach",
     "contributions",
     "fit",
+    "fit_field",
     "fit_takes",
     "marker_positions",
     "profile",
     "read_recording",
+    "refine",
     "sensitivity",
     "write_recording",
 ]

@@ -27,7 +27,7 @@ def advice(
     """All warnings that apply, most important first. `simulated` (T, M, 3) at the measured times."""
     texts = [
         *_locking(model, params, unknowns),
-        *_scheme_damping(model, params, unknowns, measured, simulated, dt),
+        *_scheme_damping(model, unknowns, z, measured, simulated, dt),
         *_at_bounds(unknowns, z),
         *_open_unknowns(unknowns, uncertainty),
         *_doubtful(unknowns, z),
@@ -43,6 +43,8 @@ def advice(
 
 
 def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
+    if not model.laws:
+        return []
     poisson = float(jnp.max(ratio_and_modulus(*element_stiffness(model, params))[0]))
     if poisson <= 0.45 + 1e-6 or not any(each.part == "full" for each in model.domains):
         return []
@@ -54,13 +56,13 @@ def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
 
 
 def _scheme_damping(
-    model: Model, params: Params, unknowns: Unknowns, measured: Measurement, simulated: np.ndarray, dt: float
+    model: Model, unknowns: Unknowns, z: np.ndarray, measured: Measurement, simulated: np.ndarray, dt: float
 ) -> list[str]:
     """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
     viscous = [each for each in unknowns.constants if each.viscous]
     if model.scheme.order > 1 or not viscous:
         return []
-    damping = float(jnp.mean(params.constants[viscous[0].name]))
+    damping = unknowns.values(z)[viscous[0].name]
     frequency = ringing_frequency(measured.times, simulated)
     if dt < 0.5 * damping or frequency == 0:
         return []
@@ -77,13 +79,18 @@ def _at_bounds(unknowns: Unknowns, z: np.ndarray) -> list[str]:
     texts = []
     values = unknowns.values(z)
     for constant, each, low, high in zip(unknowns.constants, z, *unknowns.box, strict=True):
-        if min(each - low, high - each) < 1e-6 * (high - low):
+        if at_bound(each, low, high) and not constant.limit:
             end = "lower" if each - low < high - each else "upper"
             texts.append(
                 f"{constant.name} ended at its {end} bound, {values[constant.name]:.4g} {constant.unit}".rstrip()
                 + ": the data want a value beyond it. Widen the bounds, or ask what the model lacks"
             )
     return texts
+
+
+def at_bound(z: float, low: float, high: float) -> bool:
+    """Whether an unknown ended at an end of its box."""
+    return min(z - low, high - z) < 1e-6 * (high - low)
 
 
 def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
@@ -95,7 +102,7 @@ def _open_unknowns(unknowns: Unknowns, uncertainty: Uncertainty) -> list[str]:
         ]
     texts, spread = [], np.sqrt(np.diag(uncertainty.covariance))
     for constant, each in zip(unknowns.constants, spread, strict=True):
-        if each > constant.transform.open_spread:
+        if each > constant.transform.open_spread and not constant.limit:  # those: see `limits.py`
             texts.append(
                 f"{constant.name} is practically undetermined by these samples: its error bar is as large as itself"
             )
@@ -173,5 +180,14 @@ def text_of(
     for each in constants:
         low, high = intervals[each.name]
         bar = f"{values[each.name]:>12.5g} +- {errors[each.name]:<10.2g}{each.unit}".rstrip()
-        lines.append(f"  {each.name:<{width}}{bar}   (95 %: {low:.5g} to {high:.5g})")
+        lines.append(f"  {each.name:<{width}}{bar}   (95 %: {interval_in_words(low, high)})")
     return "\n".join(lines)
+
+
+def interval_in_words(low: float, high: float) -> str:
+    """An interval, one-sided where an end is infinite."""
+    if np.isfinite(low) and np.isfinite(high):
+        return f"{low:.5g} to {high:.5g}"
+    if np.isfinite(low):
+        return f"at least {low:.5g}"
+    return f"at most {high:.5g}" if np.isfinite(high) else "open towards both sides"

@@ -1,7 +1,7 @@
 """After a fit: profile likelihoods, and what uncertain marker places and held values add (Type B, JCGM 100:2008)."""
 
 import dataclasses
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax.numpy as jnp
@@ -9,10 +9,10 @@ import numpy as np
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator
-from jaxfem.fitting.markers import attach
+from jaxfem.fitting.markers import moved_markers
+from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.search import levenberg_marquardt
-from jaxfem.fitting.unknowns import with_values
 
 EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of one parameter ends (chi^2, one degree)
 STEPS = 24
@@ -57,21 +57,42 @@ def _side(evaluator: Evaluator, best: Any, place: int, step: float, points: list
     free = np.arange(best.z.size) != place
     least = _misfit(evaluator, best, best.z)
     z, last = best.z.copy(), (float(best.z[place]), 0.0)
-    for _ in range(STEPS):
-        at = float(np.clip(last[0] + step, low, high))
+
+    def looked(at: float) -> tuple[float, float]:
         z[place] = at
         if free.any():
-            z, _ = levenberg_marquardt(evaluator, z, 6, best.weighting, chosen=free, tol=1e-6)
-        drop = best.uncertainty.drop(_misfit(evaluator, best, z), least, place)
-        points.append((at, drop))
-        if drop >= EDGE:
-            share = (np.sqrt(EDGE) - np.sqrt(max(last[1], 0.0))) / (np.sqrt(drop) - np.sqrt(max(last[1], 0.0)))
-            return float(last[0] + share * (at - last[0]))
-        if at in (low, high):
+            z[:], _ = levenberg_marquardt(evaluator, z, 6, best.weighting, chosen=free, tol=1e-6)
+        points.append((at, best.uncertainty.drop(_misfit(evaluator, best, z), least, place)))
+        return points[-1]
+
+    longest = evaluator.unknowns.constants[place].transform.open_spread
+    step = float(np.clip(step, -longest, longest))
+    for _ in range(STEPS):
+        there = looked(float(np.clip(last[0] + step, low, high)))
+        if there[1] >= EDGE:
+            return _crossing(looked, last, there)
+        if there[0] in (low, high):
             return None
-        last = at, drop
-        step *= 1.0 if drop > 0.5 else 1.5
+        last = there
+        step *= 1.0 if there[1] > 0.5 else 1.5
     return None
+
+
+def _crossing(
+    looked: Callable[[float], tuple[float, float]], inside: tuple[float, float], beyond: tuple[float, float]
+) -> float:
+    """Where the ratio passes its edge between two points (z, drop), by false position on its root."""
+    for _ in range(4):
+        if beyond[1] < 1.5 * EDGE:
+            break
+        there = looked(_between(inside, beyond))
+        inside, beyond = (inside, there) if there[1] >= EDGE else (there, beyond)
+    return _between(inside, beyond)
+
+
+def _between(inside: tuple[float, float], beyond: tuple[float, float]) -> float:
+    a, b = (float(np.sqrt(max(drop, 0.0))) for _, drop in (inside, beyond))
+    return inside[0] + (float(np.sqrt(EDGE)) - a) / (b - a) * (beyond[0] - inside[0])
 
 
 def _misfit(evaluator: Evaluator, best: Any, z: np.ndarray) -> float:
@@ -125,12 +146,14 @@ def _scaled(evaluator: Evaluator, name: str, share: float) -> Evaluator:
         raise FitError(f"{name} was fitted: its uncertainty is in its error bar")
     pieces = []
     for piece in evaluator.pieces:
-        constants = piece.problem.params.constants
-        if name not in constants:
-            raise FitError(f'the scene has no constant "{name}"; it has {", ".join(constants)}')
-        value = np.asarray(constants[name]).mean() * (1 + share)
-        params = with_values(piece.problem.params, {name: jnp.asarray(value, constants[name].dtype)})
-        pieces.append(dataclasses.replace(piece, problem=piece.problem.replace(params=params)))
+        problem = piece.problem
+        model, params, state = problem.model, problem.params, problem.state
+        known = {**model.constants, **placed_constants(model, params, state)}
+        if name not in known:
+            raise FitError(f'the scene has no constant "{name}"; it has {", ".join(model.constants)}')
+        value = jnp.asarray(value_of(known[name], params, state) * (1 + share), model.rest.dtype)
+        params, state = with_all(params, state, {name: value}, (known[name],))
+        pieces.append(dataclasses.replace(piece, problem=problem.replace(params=params, state=state)))
     return Evaluator(pieces, evaluator.unknowns)
 
 
@@ -138,15 +161,12 @@ def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:
     """The fit with one marker, of one take, one axis, off its place at a time."""
     found = []
     for k, piece in enumerate(evaluator.pieces):
-        markers, rest = piece.problem.markers, piece.problem.model.rest
-        at = np.einsum("ma,mai->mi", np.asarray(markers.weights), np.asarray(rest)[np.asarray(markers.cells)])
-        at = at + np.asarray(markers.offsets)
-        for marker in range(len(at)):
+        markers, model = piece.problem.markers, piece.problem.model
+        for marker in range(markers.count):
             for axis in range(3):
-                off = at.copy()
-                off[marker, axis] += places
-                moved = attach(piece.problem.model, dict(zip(markers.names, off, strict=True)))
-                changed = piece.problem.replace(markers=moved)
+                off = np.zeros((markers.count, 3))
+                off[marker, axis] = places
+                changed = piece.problem.replace(markers=moved_markers(markers, model, off))
                 pieces = list(evaluator.pieces)
                 pieces[k] = dataclasses.replace(piece, problem=changed)
                 found.append(Evaluator(pieces, evaluator.unknowns))

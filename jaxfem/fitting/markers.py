@@ -12,9 +12,9 @@ from jaxfem.elements.reshaping import reshaped_elements
 from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.fitting.errors import FitError
 from jaxfem.mesh import TetMesh, locate
-from jaxfem.model import Model
+from jaxfem.model import Model, State
 from jaxfem.pytrees import Pytree, static
-from jaxfem.rotation import nearest_rotation
+from jaxfem.rotation import nearest_rotation, quaternion_to_matrix
 
 Array = jax.Array
 
@@ -22,20 +22,32 @@ NOTHING = 1e-9
 """Weight below which a corner has no part in the surface point beneath a marker."""
 
 
+class Riders(Pytree):
+    """Points carried by rigid bodies: numbers `body` (m,), places `local` (m, 3) [m] from their centres of mass, in
+    their frames."""
+
+    body: Array
+    local: Array
+
+
 class Markers(Pytree):
     """Points carried by elements: `cells` (M, 4) nodes and `weights` (M, 4) of the surface point beneath, `offsets`
-    (M, 3) [m] from it at rest, `gradients` (M, 4, 3) [1/m] of the element's shape functions, `names`."""
+    (M, 3) [m] from it at rest, `gradients` (M, 4, 3) [1/m] of the element's shape functions, `names`.
+
+    `riders`: those on rigid bodies, None without; `order`: where each of `names` is among the M, then the riders."""
 
     cells: Array
     weights: Array
     offsets: Array
     gradients: Array
-    names: tuple[str, ...] = static()
+    names: tuple[str, ...] = static(default=())
+    riders: Riders | None = None
+    order: tuple[int, ...] = static(default=())
 
     @property
     def count(self) -> int:
         """Number of markers."""
-        return self.cells.shape[0]
+        return len(self.names)
 
     def reshaped(self, rest: Array, places: Array | None = None) -> "Markers":
         """The markers on a body whose nodes are at `rest` (n, 3) [m], undeformed: they ride with their elements, or are
@@ -55,11 +67,70 @@ def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     """Fix markers to a body at rest: `places` name -> (3,) [m] in the body's frame.
 
     A place inside gets the weights of its element; one outside those of the nearest surface point, and an offset that
-    turns with the element there. FitError for no marker, a place that is not three numbers, or one farther from the
-    body than the body is long (a slip of units or of frame).
+    turns with the element there. ("block", (3,)) puts one on the rigid body of that name, at a place of the world where
+    the scene starts; in a scene of one rigid body alone every marker is on it. FitError for no marker, a place that is
+    not three numbers, or one farther from the body than the body is long (a slip of units or of frame).
     """
     if not places:
         raise FitError("no marker is given: name at least one with its place, like {'tip': (0.1, 0.015, 0.03)}")
+    if not isinstance(body, Model) or body.rigid is None:
+        return _on_elements(body, places)
+    owners = {name: _owner(name, place, body) for name, place in places.items()}
+    soft = {name: place for name, place in places.items() if owners[name][0] is None}
+    carried = {name: owner for name, owner in owners.items() if owner[0] is not None}
+    if not carried:
+        return _on_elements(body, places)
+    markers = _on_elements(body, soft) if soft else _nothing(body)
+    listed = [*soft, *carried]
+    order = tuple(listed.index(name) for name in places)
+    return markers.replace(names=tuple(places), riders=_riders(body, carried), order=order)
+
+
+def _owner(name: str, place: Any, model: Model) -> tuple[int | None, Any]:
+    """The number of the rigid body that a marker is on, None for elements; and its place."""
+    assert model.rigid is not None
+    named = isinstance(place, tuple | list) and len(place) == 2 and isinstance(place[0], str)
+    if not named:
+        if model.bodies:
+            return None, place
+        if model.rigid.count == 1:
+            return 0, place
+        raise FitError(
+            f'marker "{name}" does not say which rigid body it is on: give ("NAME", place), of '
+            + ", ".join(model.rigid.names)
+        )
+    if place[0] not in model.rigid.names:
+        raise FitError(f'marker "{name}" is on "{place[0]}", no rigid body: there are {", ".join(model.rigid.names)}')
+    return model.rigid.names.index(place[0]), place[1]
+
+
+def _riders(model: Model, carried: Mapping[str, tuple[int | None, Any]]) -> Riders:
+    assert model.rigid is not None
+    size, local, numbers = float(np.asarray(model.size)), [], []
+    turns = np.asarray(quaternion_to_matrix(model.rigid.start_orientation), np.float64)
+    for name, (number, place) in carried.items():
+        array = np.asarray(place, np.float64) if np.shape(place) == (3,) else np.full(3, np.nan)
+        if not np.isfinite(array).all():
+            raise FitError(f'the place of marker "{name}" is {place!r}; give three finite numbers in m')
+        arm = array - np.asarray(model.rigid.start[number], np.float64)
+        if np.linalg.norm(arm) > 2 * size:
+            raise FitError(
+                f'marker "{name}" lies {np.linalg.norm(arm):.3g} m from the centre of its rigid body, in a scene that '
+                f"is {size:.3g} m long: give its place in the world, in m"
+            )
+        local.append(turns[number].T @ arm)
+        numbers.append(number)
+    return Riders(jnp.asarray(np.array(numbers), jnp.int32), jnp.asarray(np.array(local), model.rest.dtype))
+
+
+def _nothing(model: Model) -> Markers:
+    dtype = model.rest.dtype
+    return Markers(
+        jnp.zeros((0, 4), jnp.int32), jnp.zeros((0, 4), dtype), jnp.zeros((0, 3), dtype), jnp.zeros((0, 4, 3), dtype)
+    )
+
+
+def _on_elements(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     points, cells = _geometry(body)
     for name, place in places.items():
         array = np.asarray(place, dtype=np.float64)
@@ -99,6 +170,41 @@ def marker_positions(markers: Markers, positions: Array) -> Array:
     edges = corners[..., 1:, :] - corners[..., :1, :]
     deformation = jnp.einsum("...mai,maj->...mij", edges, markers.gradients[:, 1:])
     return beneath + jnp.einsum("...mij,mj->...mi", nearest_rotation(deformation), markers.offsets)
+
+
+def marker_places(markers: Markers, state: State) -> Array:
+    """Where the markers are in a state, or in states with leading axes: (..., M, 3) [m]; differentiable.
+
+    Those on rigid bodies: x = c + R l, c the centre of mass.
+    """
+    soft = marker_positions(markers, state.positions) if markers.cells.shape[0] else None
+    if markers.riders is None or state.rigid is None:
+        assert soft is not None
+        return soft
+    turns = quaternion_to_matrix(state.rigid.orientations[..., markers.riders.body, :])
+    carried = state.rigid.positions[..., markers.riders.body, :] + jnp.einsum(
+        "...mij,mj->...mi", turns, markers.riders.local
+    )
+    every = carried if soft is None else jnp.concatenate([soft, carried], axis=-2)
+    return every[..., np.array(markers.order), :]
+
+
+def moved_markers(markers: Markers, model: Model, shifts: np.ndarray) -> Markers:
+    """Markers whose places at rest are off by `shifts` (M, 3) [m], in the order of their names."""
+    inverse = np.argsort(markers.order) if markers.order else np.arange(markers.count)
+    soft = markers.cells.shape[0]
+    listed = np.asarray(shifts)[inverse]
+    if soft:
+        at = np.einsum("ma,mai->mi", np.asarray(markers.weights), np.asarray(model.rest)[np.asarray(markers.cells)])
+        places = at + np.asarray(markers.offsets) + listed[:soft]
+        names = [markers.names[k] for k in inverse[:soft]]
+        new = _on_elements(model, dict(zip(names, places, strict=True)))
+        markers = new.replace(names=markers.names, riders=markers.riders, order=markers.order)
+    if markers.riders is None or model.rigid is None:
+        return markers
+    turns = np.asarray(quaternion_to_matrix(model.rigid.start_orientation))[np.asarray(markers.riders.body)]
+    local = markers.riders.local + np.einsum("mji,mj->mi", turns, listed[soft:])
+    return markers.replace(riders=markers.riders.replace(local=jnp.asarray(local, markers.riders.local.dtype)))
 
 
 def _gradients(corners: Array) -> Array:

@@ -9,9 +9,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.frames import rigid_fit
-from jaxfem.fitting.markers import Markers, marker_positions
+from jaxfem.fitting.markers import Markers, marker_places
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.unknowns import with_values
+from jaxfem.fitting.paths import with_all
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
@@ -89,7 +89,13 @@ def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     delay = jnp.zeros((), z.dtype)
     values = {each.name: each.transform.value(z[i]) for i, each in enumerate(plan.constants)}
     delay = values.pop("delay", delay)
-    frames, status = _simulated_frames(with_values(problem.params, values, plan.constants), problem, plan)
+    params, state = with_all(problem.params, problem.state, values, plan.constants)
+    return compared(params, state, delay, problem, plan)
+
+
+def compared(params: Params, state: State, delay: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+    """Weighted residuals of a simulation with these params from this state, released `delay` [s] behind its row."""
+    frames, status = _simulated_frames(params, state, problem, plan)
     simulated = interpolated(frames, problem.times - delay / (plan.every * problem.dt))
     measured, origin = problem.measured, problem.origin
     if plan.frame == "all":
@@ -131,11 +137,11 @@ def interpolated(frames: Array, places: Array) -> Array:
     return b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
 
 
-def _simulated_frames(params: Params, problem: Problem, plan: Plan) -> tuple[Array, Array]:
+def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Array]:
     steps = plan.frames * plan.every
-    states, infos = rollout(problem.model, params, problem.state, problem.dt, steps, every=plan.every)
-    start = marker_positions(problem.markers, problem.state.positions)
-    frames = jnp.concatenate([start[None], marker_positions(problem.markers, states.positions)])
+    states, infos = rollout(problem.model, params, state, problem.dt, steps, every=plan.every)
+    start = marker_places(problem.markers, state)
+    frames = jnp.concatenate([start[None], marker_places(problem.markers, states)])
     if problem.camera is not None:
         frames = pixels(problem.camera, frames)
     return frames, jnp.max(infos.status)

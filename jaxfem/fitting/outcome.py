@@ -10,6 +10,7 @@ from jaxfem.fitting.advice import advice, sample_advice, weakest_in_words
 from jaxfem.fitting.evaluation import Evaluator, Piece
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Outcome
+from jaxfem.fitting.paths import with_all
 from jaxfem.fitting.release import scatter
 from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.fitting.rounds import Judged
@@ -17,7 +18,7 @@ from jaxfem.fitting.search import levenberg_marquardt
 from jaxfem.fitting.sharing import Shared, shared_unknowns
 from jaxfem.fitting.statistics import autocorrelation
 from jaxfem.fitting.takes import Prepared, compiled_piece
-from jaxfem.fitting.unknowns import DELAY, with_values
+from jaxfem.fitting.unknowns import DELAY
 
 LAGS = 60
 BAND = 1.959963984540054  # 95 % of a Gaussian
@@ -105,6 +106,7 @@ def take_of(
     found = {constant.name: values[name] for name, constant in own.items()}
     dtype = piece.problem.model.rest.dtype
     cast = {name: jnp.asarray(value, dtype) for name, value in found.items() if name != DELAY.name}
+    params, state = with_all(made.params, made.state, cast, piece.plan.constants)
     return TakeFit(
         name=made.take.name,
         held_out=held_out,
@@ -121,7 +123,8 @@ def take_of(
         covered=float(inside[np.isfinite(residuals[..., : made.axes])].mean()) if measured.seen.any() else 0.0,
         autocorrelation=autocorrelation(np.nan_to_num(residuals), measured.seen, LAGS),
         values=found,
-        params=with_values(made.params, cast, piece.plan.constants),
+        params=params,
+        state=state,
         dt=float(piece.problem.dt),
     )
 

@@ -10,6 +10,7 @@ from jaxfem.declared.errors import checked_choice
 from jaxfem.fitting.before import outside, refuse, start_faults
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
+from jaxfem.fitting.limits import with_limits
 from jaxfem.fitting.markers import Markers
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.outcome import held_take, result_of
@@ -71,7 +72,8 @@ def fit_takes(
     """Recover values that several recordings share, and those that each has for itself.
 
     The unknowns `parameters` (constants of the bodies' materials, like "young" [Pa], "poisson" and "damping" [s]: all
-    when None; "density" [kg/m^3]; "delay" [s] of the release behind its row) start at their values in the scene, or at
+    when None; "density" [kg/m^3]; "delay" [s] of the release behind its row; what has a path, like
+    "contact.floor.friction", see `fitting/paths.py`) start at their values in the scene, or at
     each of `starts`; these may be far off (a factor of 30 is fine). Those in `own` each take has for itself, as
     NAME_TAKE; the others are the same in all. Takes named in `held_out` are not fitted but predicted, and scored in
     the same table; what they have for themselves is fitted to them alone. `bounds`: name -> (lowest, highest);
@@ -103,7 +105,8 @@ def fit_takes(
     evaluator.stage = "error bars"
     told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
     repairs = [text for each in (*made, *held) for text in each.notes] + outside(made[0].params, shared.unknowns)
-    return result_of(evaluator, made, shared, best, noise, told, status, faults, repairs)
+    found = result_of(evaluator, made, shared, best, noise, told, status, faults, repairs)
+    return found if status == "interrupted" else with_limits(found)
 
 
 def assembled(

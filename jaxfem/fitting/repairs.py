@@ -114,7 +114,7 @@ def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iter
 def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
     """Samples that neither what comes before nor what comes after leads to, alone or between two leaps, of one marker
     while the others go on as usual; a leap without return ends the marker's samples."""
-    motion = _motion(positions)
+    motion, moving = _motion(positions), np.nan_to_num(_steps(positions))
     away = np.stack([_away_of(positions[:, m], recording.times) for m in range(positions.shape[1])], axis=1)
     usual = np.stack([FAR * np.nanmedian(away, axis=0), 3 * np.nanquantile(away, 0.9, axis=0)])
     usual = np.minimum(
@@ -127,7 +127,10 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
         seen = np.isfinite(places).all(axis=1)
         if seen.sum() < 8 or motion == 0:
             continue
-        gone, slipped = _leaps(places, recording, motion, common)
+        others = np.delete(moving, m, axis=1)
+        along = np.zeros(len(places), bool)
+        along[1:] = (others > 0.5 * moving[:, m : m + 1]).sum(axis=1) > 0.5 * others.shape[1]
+        gone, slipped = _leaps(places, recording, motion, common, along)
         lost = gone | _singles(places, recording, limits[m], seen & ~gone & ~common)
         if lost.sum() > MANY * seen.sum():
             raise FitError(
@@ -149,16 +152,18 @@ def _motion(positions: np.ndarray) -> float:
 
 
 def _leaps(
-    places: np.ndarray, recording: Recording, motion: float, common: np.ndarray
+    places: np.ndarray, recording: Recording, motion: float, common: np.ndarray, along: np.ndarray
 ) -> tuple[np.ndarray, int | None]:
-    """Samples between a leap and the leap back (T,), and the row of a leap without return."""
+    """Samples between a leap and the leap back (T,), and the row of a leap without return. Where most others go `along`
+    (T,) it is the body that moves."""
     gone = np.zeros(len(places), bool)
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
     steps = np.diff(places[rows], axis=0)
     size = np.linalg.norm(steps, axis=1)
     near = np.diff(recording.times[rows]) < 1.5 * recording.spacing
     usual = np.sort(size)[max(0, len(size) - 5)]
-    leaps = np.flatnonzero(near & (size > 3 * usual) & (size > 0.5 * motion) & ~common[rows[1:]] & ~common[rows[:-1]])
+    alone = ~common[rows[1:]] & ~common[rows[:-1]] & ~along[rows[1:]]
+    leaps = np.flatnonzero(near & (size > 3 * usual) & (size > 0.5 * motion) & alone)
     while leaps.size >= 2:
         first, second = leaps[:2]
         if np.linalg.norm(steps[first] + steps[second]) > 0.3 * size[first]:

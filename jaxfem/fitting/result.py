@@ -8,7 +8,7 @@ import numpy as np
 from jaxfem.fitting.advice import text_of
 from jaxfem.fitting.evaluation import Visit
 from jaxfem.materials.constants import Constant
-from jaxfem.model import Params
+from jaxfem.model import Params, State
 
 
 @dataclasses.dataclass(frozen=True)
@@ -18,7 +18,7 @@ class TakeFit:
     the recording, which lies in `release_interval` [s] with 95 %; `held_out`: it was not fitted, only predicted;
     `noise`: root mean square residual of a coordinate; `scatter`: what the markers scatter from sample to sample;
     `covered`: share of the samples inside their 95 % band; `autocorrelation` (K,) of the residuals, from lag 0;
-    `values`: the constants' in this take; `params` with them in."""
+    `values`: the constants' in this take; `params` and `state` (at the release) with them in."""
 
     name: str
     held_out: bool
@@ -36,6 +36,7 @@ class TakeFit:
     autocorrelation: np.ndarray
     values: dict[str, float]
     params: Params
+    state: State
     dt: float
 
     @property
@@ -59,6 +60,25 @@ class TakeFit:
 
 
 @dataclasses.dataclass(frozen=True)
+class Refinement:
+    """A refit with a finer `what` ("time step" or "mesh"), `by` how much in words: its `values`, their `shift` from
+    those found, and the `estimate` of what the discretisation takes off them in all; `converged`: whether its steps
+    did."""
+
+    what: str
+    by: str
+    values: dict[str, float]
+    shift: dict[str, float]
+    estimate: dict[str, float]
+    converged: bool
+
+    def line(self) -> str:
+        """One line."""
+        told = ", ".join(f"{name} {each:+.2g}" for name, each in self.estimate.items())
+        return f"discretisation, {self.what} ({self.by}): about {told}"
+
+
+@dataclasses.dataclass(frozen=True)
 class FitResult:
     """What a fit found.
 
@@ -69,8 +89,8 @@ class FitResult:
     `inflation`: how many neighbouring residuals tell the same; `memory`: partial autocorrelations of the noise;
     `sigmas`: standard deviation of each group's noise [m]; `history`: every evaluation; `iterations`: those with
     derivatives; `status`: "converged", "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make
-    values wrong; `repairs`: what was left out, repaired or noticed in the recordings. `times`, `release`, `residuals`
-    and so on are those of the first take (see `TakeFit`).
+    values wrong; `repairs`: what was left out, repaired or noticed in the recordings; `refinements`: see
+    `refine`. `times`, `release`, `residuals` and so on are those of the first take (see `TakeFit`).
     """
 
     constants: tuple[Constant, ...]
@@ -90,6 +110,7 @@ class FitResult:
     status: str
     warnings: tuple[str, ...]
     repairs: tuple[str, ...] = ()
+    refinements: tuple[Refinement, ...] = ()
     solution: Any = dataclasses.field(default=None, repr=False)
 
     @property
@@ -154,6 +175,7 @@ class FitResult:
         lines.append(f"  {self.status}, {len(self.history)} simulations, {self.iterations} of them with derivatives")
         if self.weakest:
             lines.append(f"  {self.weakest}")
+        lines += [f"  {each.line()}" for each in self.refinements]
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)

@@ -18,8 +18,9 @@ if TYPE_CHECKING:  # slow to import: only where its steps are asked for
 
 SCAN_RATIO = 2.0
 JUMPS = 6
+SAME = 0.02
+"""Of z: starts of a descent that are nearer to each other lead to one place."""
 TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
-LONGEST_STEP = 1.0  # in z: a factor of 2.7
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,17 +45,22 @@ def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.n
     long, short = (_averages(evaluator, share) for share in (4, 20))
     found = [point for start in starts for point in _scan(evaluator, start, long)]
     picked = sorted(found, key=lambda each: each[0])[: search.candidates]
-    ends = []
+    ends, begun = [], list[np.ndarray]()
     for _, z in picked:
         evaluator.stage = "coarse"
         z = _coarse(evaluator, z, long)
+        if any(np.abs(z - other).max() < SAME for other in begun):
+            continue  # two candidates of one minimum
+        begun.append(z)
         evaluator.stage = "descent"
         z = _descend(evaluator, z, short, search)
         z, loss = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3)
         ends.append((loss, tuple(z)))
     evaluator.stage = "polish"
     best, lowest = np.array(picked[0][1]), np.inf
-    for _, end in sorted(ends):
+    for k, (_, end) in enumerate(sorted(ends)):
+        if any(np.abs(np.array(end) - other).max() < 1e-3 * SAME for _, other in sorted(ends)[:k]):
+            continue
         if np.isfinite(lowest) and evaluator.loss(evaluator.residual(np.array(end))[0]) > 30 * lowest:
             continue
         z, loss = levenberg_marquardt(evaluator, np.array(end), search.polish, tol=search.tol)
@@ -96,7 +102,9 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Weighting) -> list[tu
         if beyond == 2 or ratio > 2 * TOO_FAR:
             break
     table = np.array(losses)
-    return [(table[i, 0], points[i]) for i in sorted(set(_minima(table[:, 0])) | set(_minima(table[:, 1])))]
+    smoothed = _minima(table[:, 0])
+    others = [i for i in _minima(table[:, 1]) if min(abs(i - each) for each in smoothed) > 1]  # neighbours: one minimum
+    return [(table[i, 0], points[i]) for i in sorted({*smoothed, *others})]
 
 
 def _range(evaluator: Evaluator, start: np.ndarray, axis: int) -> tuple[float, float]:
@@ -251,7 +259,8 @@ def _better(
     for _ in range(8):
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
-        shorter = min(1.0, LONGEST_STEP / max(np.abs(step).max(), 1e-300))  # all of it, to go where the model says
+        longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
+        shorter = min(1.0, 1 / max((np.abs(step) / longest).max(), 1e-300))  # all of it, to go where the model says
         trial = np.clip(z + shorter * step, low, high)
         new = goal.value(trial)
         if new < loss:

@@ -8,12 +8,14 @@ from typing import Any
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.paths import placed_constants, value_of
 from jaxfem.fitting.takes import Prepared
 from jaxfem.fitting.unknowns import (
+    DELAY,
     Unknowns,
     chosen,
     known_constants,
-    start_values,
+    start_value,
     unknowns,
     usual_names,
 )
@@ -39,7 +41,7 @@ def shared_unknowns(
 ) -> Shared:
     """All unknowns with their starts and bounds. FitError for strange names, starts or bounds."""
     asked = (names,) if isinstance(names, str) else names
-    known = [known_constants(each.take.model.constants.values()) for each in made]
+    known = [_known(each) for each in made]
     everywhere = {name: constant for each in reversed(known) for name, constant in each.items()}
     scene = [each for each in everywhere.values() if any(each.name in one.take.model.constants for one in made)]
     plain = chosen(tuple(usual_names(scene)) if asked is None else tuple(asked), everywhere)
@@ -57,6 +59,12 @@ def shared_unknowns(
     return Shared(both, [both.unknown(each) for each in given], mine, given[0])
 
 
+def _known(made: Prepared) -> dict[str, Constant]:
+    """All that can be fitted of a take, by name: constants of materials, the delay, then what has a path."""
+    placed = placed_constants(made.take.model, made.params, made.state)
+    return {**known_constants(made.take.model.constants.values()), **placed}
+
+
 def _spread(
     made: Sequence[Prepared], plain: Sequence[Constant], known: Sequence[Mapping[str, Constant]], own: Sequence[str]
 ) -> tuple[tuple[Constant, ...], tuple[dict[str, Constant], ...], dict[str, float]]:
@@ -70,7 +78,8 @@ def _spread(
         for k in there:
             name = own_name(constant.name, made[k].take.name) if apart else constant.name
             if name not in values:
-                values[name] = start_values(made[k].params, [constant], made[k].measured.spacing)[constant.name]
+                own_value = 0.0 if constant is DELAY else value_of(constant, made[k].params, made[k].state)
+                values[name] = start_value(constant, own_value, made[k].measured.spacing)
                 found.append(dataclasses.replace(constant, name=name))
             mine[k][name] = constant
     return tuple(found), tuple(mine), values
@@ -103,4 +112,7 @@ def _check_starts(given: Sequence[Mapping[str, float]], constants: Sequence[Cons
             raise FitError(f'a start is given for "{strange[0]}", which is not fitted; fitted: {", ".join(names)}')
         for constant in constants:
             if constant.transform.proportional and not each[constant.name] > 0:
-                raise FitError(f"the start of {constant.name} is {each[constant.name]:g}; it must be positive")
+                raise FitError(
+                    f"the start of {constant.name} is {each[constant.name]:g}; it must be positive: give it one in the "
+                    "scene or in starts"
+                )

@@ -10,7 +10,7 @@ from jaxfem.fitting.before import refuse, written_faults
 from jaxfem.fitting.correlation import Channels
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Piece
-from jaxfem.fitting.markers import Markers, attach, marker_positions
+from jaxfem.fitting.markers import Markers, attach, marker_places
 from jaxfem.fitting.measurement import Measurement, measurement
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Plan, make_problem
@@ -76,7 +76,7 @@ def prepared(take: Take, checks: str) -> Prepared:
     check_call(take.model, params, state, take.dt)
     markers = take.markers if isinstance(take.markers, Markers) else attach(take.model, take.markers)
     recording = repaired(take.recording.subset(markers.names))
-    nominal = np.asarray(marker_positions(markers, state.positions), np.float64)
+    nominal = np.asarray(marker_places(markers, state), np.float64)
     measured = measurement(
         recording, nominal, frame=take.frame, compare=take.compare, release=take.release, end=take.end
     )

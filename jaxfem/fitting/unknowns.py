@@ -1,6 +1,7 @@
 """Unknowns of a fit: each a number z, with the transform to its physical value and its bounds."""
 
 import dataclasses
+import difflib
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
@@ -14,6 +15,8 @@ from jaxfem.model import Params
 
 Array = jax.Array
 
+MOST_LISTED = 24
+"""Paths that a message lists."""
 DELAY = Constant(
     "delay", "s", "must be a time in s", label="delay", transform=Identity(), bounds=(-3.0, 3.0), absolute=True
 )
@@ -92,26 +95,36 @@ def with_values(params: Params, values: Mapping[str, Array], constants: Iterable
     return params.replace(**changed)
 
 
-def start_values(params: Params, constants: Sequence[Constant], spacing: float) -> dict[str, float]:
-    """Values to start from: the scene's own; a positive time that is zero starts at a tenth of the sample spacing."""
-    values = {}
-    for each in constants:
-        value = 0.0 if each is DELAY else float(jnp.mean(params.constants[each.name]))
-        unset = value == 0.0 and each.unit == "s" and each.transform.proportional
-        values[each.name] = 0.1 * spacing if unset else value
-    return values
+def start_value(constant: Constant, value: float, spacing: float) -> float:
+    """Where to start from the scene's own value: a positive time that is zero starts at a tenth of the sample spacing,
+    and what is at an end of an open range in its middle, since its unknown is infinite at the end."""
+    if value == 0.0 and constant.unit == "s" and constant.transform.proportional:
+        return 0.1 * spacing
+    low, high = constant.transform.low, constant.transform.high
+    if np.isfinite(low) and np.isfinite(high) and not low < value < high:
+        return (low + high) / 2
+    return value
 
 
 def chosen(names: Sequence[str], known: Mapping[str, Constant]) -> tuple[Constant, ...]:
     """The constants of these names; FitError for none, a strange one, or one named twice."""
     if not names:
-        raise FitError(f"no parameter to fit: name some of {', '.join(known)}")
+        raise FitError(f"no parameter to fit: name some of {_listed(known)}")
     for name in names:
         if name not in known:
-            raise FitError(f'cannot fit "{name}"; known: {", ".join(known)}')
+            near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
+            hint = f'did you mean "{near[0]}"? ' if near else ""
+            raise FitError(f'cannot fit "{name}"; {hint}known: {_listed(known)}')
     if len(set(names)) < len(names):
         raise FitError(f"a parameter is named twice: {', '.join(names)}")
     return tuple(known[name] for name in names)
+
+
+def _listed(known: Mapping[str, Constant]) -> str:
+    """Names, those of materials in full and then some of the paths."""
+    plain, paths = [n for n in known if "." not in n], [n for n in known if "." in n]
+    more = f" and {len(paths) - MOST_LISTED} more" if len(paths) > MOST_LISTED else ""
+    return ", ".join([*plain, *paths[:MOST_LISTED]]) + more
 
 
 def unknowns(constants: Sequence[Constant], start: Mapping[str, float], bounds: Any, spacing: float) -> Unknowns:
@@ -130,8 +143,14 @@ def unknowns(constants: Sequence[Constant], start: Mapping[str, float], bounds: 
 
 def _usual_bounds(constant: Constant, start: float, spacing: float) -> tuple[float, float]:
     low, high = constant.bounds
-    scale = spacing if is_delay(constant) else 1.0 if constant.absolute else start
-    return scale * low, scale * high
+    if is_delay(constant):
+        return spacing * low, spacing * high
+    if constant.absolute:
+        return low, high
+    if not constant.transform.proportional:  # of either sign: about the start
+        size = max(abs(start), 1.0)
+        return start + size * low, start + size * high
+    return start * low, start * high
 
 
 def _check_bounds(constant: Constant, pair: Any) -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.fields import KINDS
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
 from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
@@ -15,12 +16,14 @@ from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, s
 
 TOP_KEYS = ("scene", "recording", "take", "markers", "fit", "output")
 PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own")
-TABLES = ("noise", "priors", "bounds", "starts")
+TABLES = ("noise", "priors", "bounds", "starts", "field")
 FIT_KEYS = (*PLAIN_KEYS, *TABLES)
 NOISE_KEYS = ("correlation", "loss", "groups", "known")
+FIELD_KEYS = ("constant", "jump", "kind")
 TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
+MODULI = ("shear_modulus", "bulk_modulus")
 
 
 @dataclasses.dataclass(frozen=True)
@@ -28,18 +31,20 @@ class FitFile:
     """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line) and how it is
     read (`reading`: unit, rate, camera), `places` of the
     markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit_takes`,
-    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any."""
+    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any;
+    `field`: constant, jump and kind of [fit.field], None without."""
 
     scene: SceneFile
     recording: Path | None
     reading: dict[str, Any]
-    places: dict[str, tuple[float, float, float]]
+    places: dict[str, Any]
     substeps: int | None
     settings: dict[str, Any]
     cutting: dict[str, Any]
     folder: Path
     source: Path
     takes: tuple["TakeEntry", ...] = ()
+    field: dict[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -58,10 +63,11 @@ def load_fit(path: Any) -> FitFile:
     """Read a fit file. Relative paths in it start at its folder.
 
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
-    NAME = [x, y, z] (m, on the undeformed body); [fit] parameters, frame,
+    NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [fit] parameters, frame,
     compare, release, end, substeps, sigma, checks, own, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME
-    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...];
-    instead of `recording` several [[take]] tables: name, recording, scene, held_out, release, end; [output] folder.
+    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
+    [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
+    release, end; [output] folder.
     FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
     """
     source = Path(path)
@@ -79,6 +85,7 @@ def load_fit(path: Any) -> FitFile:
     try:
         settings, cutting = _settings(table, scene), _cutting(table)
         takes = _takes(top, source.parent, scene, cutting)
+        field = _field(table)
         settings["held_out"] = tuple(each.name for each in takes if each.held_out)
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
@@ -91,6 +98,7 @@ def load_fit(path: Any) -> FitFile:
         settings=settings,
         cutting=cutting,
         takes=takes,
+        field=field,
         folder=source.parent / output.text("folder", f"{source.stem}_fit"),
         source=source,
     )
@@ -109,11 +117,19 @@ def _recording(top: Table) -> tuple[str | None, dict[str, Any]]:
     return table.text("file"), reading
 
 
-def _places(top: Table) -> dict[str, tuple[float, float, float]]:
+def _places(top: Table) -> dict[str, Any]:
     markers = top.table("markers", None, "[markers]")
     if not markers.values:
         raise SceneFileError("[markers] is missing or empty: give each marker's place, like tip = [0.1, 0.015, 0.03]")
-    return {name: markers.vector(name, unit="m") for name in markers.values}
+    return {name: _place(markers, name) for name in markers.values}
+
+
+def _place(markers: Table, name: str) -> Any:
+    """A place, or the name of a rigid body and a place on it."""
+    if not isinstance(markers.get(name), dict):
+        return markers.vector(name, unit="m")
+    table = markers.table(name, ("body", "at"), f"[markers] {name}")
+    return table.text("body"), table.vector("at", unit="m")
 
 
 def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
@@ -129,6 +145,17 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
     settings["starts"] = _starts(table.table("starts", parameters, "[fit.starts]"))
     return settings
+
+
+def _field(table: Table) -> dict[str, Any] | None:
+    """The constant that is found element by element, where one is."""
+    if "field" not in table:
+        return None
+    own = table.table("field", FIELD_KEYS, "[fit.field]")
+    jump = own.number("jump", 1.2)
+    if not jump > 1:
+        raise own.wrong("jump", "the factor by which neighbours usually differ, above 1, like 1.2")
+    return {"constant": own.text("constant"), "jump": jump, "kind": own.choice("kind", KINDS, KINDS[0])}
 
 
 def _cutting(table: Table) -> dict[str, Any]:
@@ -201,8 +228,8 @@ def _parameters(table: Table, scene: SceneFile) -> tuple[str, ...]:
     if not (isinstance(names, list) and names and all(isinstance(name, str) for name in names)):
         raise table.wrong("parameters", 'a list of names, like ["young", "damping"]')
     known = known_constants(constants)
-    for name in names:
-        if name not in known:
+    for name in names:  # paths are looked up where the scene is built
+        if name not in known and "." not in name and name not in MODULI:
             raise SceneFileError(f"unknown parameter {name!r} in [fit]{suggestion(name, known)}")
     return tuple(names)
 

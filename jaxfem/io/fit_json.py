@@ -4,12 +4,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.fitting.result import FitResult, TakeFit
+from jaxfem.fitting.result import FitResult, Refinement, TakeFit
 
 FORMAT = "jaxfem-fit/1"
 NUMBER = {"type": "number"}
 TEXTS = {"type": "array", "items": {"type": "string"}}
 PAIR = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
+OPEN_PAIR = {**PAIR, "items": {"type": ["number", "null"]}}
 NAMED = {"type": "object", "additionalProperties": NUMBER}
 TAKE: dict[str, Any] = {
     "name": {"type": "string"},
@@ -31,7 +32,7 @@ FIELDS: dict[str, Any] = {
     "status": {"enum": ["converged", "iteration limit", "steps failed", "interrupted"]},
     "values": NAMED,
     "standard_errors": NAMED,
-    "intervals_95": {"type": "object", "additionalProperties": PAIR},
+    "intervals_95": {"type": "object", "additionalProperties": OPEN_PAIR},
     "starts": NAMED,
     "bounds": {"type": "object", "additionalProperties": PAIR},
     "units": {"type": "object", "additionalProperties": {"type": "string"}},
@@ -44,6 +45,7 @@ FIELDS: dict[str, Any] = {
     "takes": {"type": "array", "minItems": 1, "items": {"type": "object", "required": list(TAKE), "properties": TAKE}},
     "simulations": {"type": "integer"},
     "iterations": {"type": "integer"},
+    "discretisation": {"type": "array", "items": {"type": "object", "required": ["what", "by", "shift", "estimate"]}},
     "repairs": TEXTS,
     "warnings": TEXTS,
 }
@@ -64,7 +66,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "format": FORMAT,
         "values": result.values,
         "standard_errors": result.standard_errors,
-        "intervals_95": {name: list(pair) for name, pair in result.intervals.items()},
+        "intervals_95": {name: [_finite(end) for end in pair] for name, pair in result.intervals.items()},
         "starts": {name: float(value) for name, value in result.starts.items()},
         "bounds": {name: list(pair) for name, pair in result.bounds.items()},
         "units": {each.name: each.unit for each in result.constants},
@@ -83,9 +85,27 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "simulations": len(result.history),
         "iterations": result.iterations,
         "status": result.status,
+        "discretisation": [_refinement(each) for each in result.refinements],
         "repairs": list(result.repairs),
         "warnings": list(result.warnings),
     }
+
+
+def _refinement(each: Refinement) -> dict[str, Any]:
+    """A refit with a finer step or mesh."""
+    return {
+        "what": each.what,
+        "by": each.by,
+        "values": each.values,
+        "shift": each.shift,
+        "estimate": each.estimate,
+        "converged": each.converged,
+    }
+
+
+def _finite(end: float) -> float | None:
+    """An end of an interval; null where it is open towards that side."""
+    return end if np.isfinite(end) else None
 
 
 def take_as_json(take: TakeFit) -> dict[str, Any]:

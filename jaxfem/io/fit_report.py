@@ -47,13 +47,15 @@ def write_report(
         *_verdict(result),
         "<h2>Parameters</h2>",
         _table(result),
+        *_refinements(result),
         "<h2>Misfit, fitted and held out</h2>",
         _takes(result.takes),
     ]
     if len(result.values) > 1:
         parts += ["<h2>Correlations</h2>", heat(list(result.values), result.correlation)]
-    if scene is not None and result.unit == "m":
-        played = html.escape(page_text(played_frames(*scene, result.takes[0]), "recording and simulation", {}))
+    if scene is not None and scene[0].nodes and result.unit == "m":
+        frames = played_frames(scene[0], result.takes[0].state, result.takes[0])
+        played = html.escape(page_text(frames, "recording and simulation", {}))
         parts += [
             "<h2>Recording (grey) and simulation</h2>",
             f'<iframe id="animation" title="recording and simulation" srcdoc="{played}"></iframe>',
@@ -117,11 +119,27 @@ def _table(result: FitResult) -> str:
         near = min(abs(value - low), abs(high - value)) < 1e-3 * abs(high - low)
         flags = [text for text, on in (("at a bound", near), ("open", bar > 0.5 * abs(value))) if on]
         cells = [result.starts[name], low, high, value, bar, *result.intervals[name]]
-        numbers = "".join(f"<td>{cell:.5g}</td>" for cell in cells)
+        numbers = "".join(f"<td>{cell:.5g}</td>" if np.isfinite(cell) else "<td>open</td>" for cell in cells)
         rows.append(f"<tr><td>{name}</td><td>{each.unit}</td>{numbers}<td class=bad>{', '.join(flags)}</td></tr>")
     words = ("", "unit", "start", "lowest", "highest", "estimate", "standard uncertainty", "95 % from", "to", "")
     head = "".join(f"<th>{word}</th>" for word in words)
     return f'<table id="parameters"><tr>{head}</tr>{"".join(rows)}</table>'
+
+
+def _refinements(result: FitResult) -> list[str]:
+    """Refits with a finer step and mesh, beside the statistical uncertainty; nothing where none was made."""
+    if not result.refinements:
+        return []
+    names = list(result.values)
+    head = "".join(f"<th>{name}</th>" for name in names)
+    bars = "".join(f"<td>{result.standard_errors[name]:.3g}</td>" for name in names)
+    rows = [f"<tr><td>statistical</td><td>standard uncertainty</td>{bars}</tr>"]
+    for each in result.refinements:
+        for by, shifts in ((each.by, each.shift), ("estimate of the whole", each.estimate)):
+            cells = "".join(f"<td>{shifts[name]:+.3g}</td>" for name in names)
+            rows.append(f"<tr><td>{each.what}</td><td>{html.escape(by)}</td>{cells}</tr>")
+    table = f'<table id="discretisation"><tr><th></th><th></th>{head}</tr>{"".join(rows)}</table>'
+    return ["<h2>What the discretisation moves</h2>", table]
 
 
 def _takes(takes: Sequence[TakeFit]) -> str:

@@ -4,7 +4,10 @@ from jaxfem.io import fit_files
 from jaxfem.io.templates import Line, line, table
 
 FIT: dict[str, Line] = {
-    "parameters": ('["young", "damping"]', "constants of the scene's materials, density, delay"),
+    "parameters": (
+        '["young", "damping"]',
+        "constants of the materials, density, delay, paths like contact.floor.friction",
+    ),
     "frame": ('"none"', 'recorded in the body\'s frame; "rest" or "all" for a camera\'s own'),
     "compare": ('"displacement"', 'since the release; or "position"'),
     "release": ('"auto"', "found: the body is still at first; or a time in s"),
@@ -19,6 +22,11 @@ NOISE: dict[str, Line] = {
     "loss": ('"square"', 'or "huber", "student": outliers count less'),
     "groups": ('"all"', 'whose scatter is estimated together; or "take", "marker"'),
     "known": ("false", "true: sigma is the standard deviation itself"),
+}
+FIELD: dict[str, Line] = {
+    "constant": ('"young"', "found element by element after the fit"),
+    "jump": ("1.2", "factor by which neighbours usually differ"),
+    "kind": ('"edges"', 'few large jumps; or "smooth"'),
 }
 RECORDING: dict[str, Line] = {
     "file": ('"recording.csv"', ""),
@@ -43,6 +51,7 @@ def fit_template(scene: str = "scene.toml") -> str:
         "",
         "[markers]                       # where each sits on the undeformed body, m",
         "tip = [0.2, 0.05, 0.2]",
+        '# corner = { body = "block", at = [0.1, 0, 0] }   # on a rigid body',
         "side = [0.1, 0.1, 0.15]",
         *table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
         *table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
@@ -53,6 +62,7 @@ def fit_template(scene: str = "scene.toml") -> str:
         "# [fit.starts]                  # each list one number a starting point",
         "# young = [1e5, 1e6]",
         "# damping = [1e-3, 1e-2]",
+        *table("# [fit.field]", fit_files.FIELD_KEYS, FIELD, ()),
         *table("[output]", fit_files.OUTPUT_KEYS, {"folder": ('"fitted"', "beside this file")}, ("folder",)),
     ]
     return "\n".join(parts) + "\n"

@@ -15,7 +15,7 @@ from jaxfem.io.toml_tables import SceneFileError, Table, is_integer, is_number, 
 from jaxfem.materials.base import LAWS, Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant, MaterialError
 from jaxfem.materials.linear import Linear
-from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, cage, from_cad, from_surface, read, read_surface
+from jaxfem.mesh import MeshError, TetMesh, ball, beam, box, cage, from_cad, from_surface, read, read_surface, refined
 from jaxfem.motion import Motion
 
 BODY_KEYS = (
@@ -52,15 +52,20 @@ def _law(table: Table) -> type[Material]:
     return LAWS[table.choice("material", LAWS.words(), Linear.word)].made
 
 
-def read_body(table: Table, folder: Path) -> SoftBody:
-    """The soft body that a [[body]] table describes; mesh files are looked for in `folder`.
+def read_body(table: Table, folder: Path, finer: bool = False) -> SoftBody:
+    """The soft body that a [[body]] table describes; mesh files are looked for in `folder`. `finer`: its mesh refined.
 
     SceneFileError names the table and the key; SceneError, MaterialError and FileNotFoundError as for `SoftBody` and
     `jaxfem.mesh.read`.
     """
     name = table.text("name", None)
     plain, skin = _mesh(table, folder), _surface(table, folder)
-    mesh = _placed(table, plain)
+    mesh = _placed(table, refined(plain) if finer else plain)
+    if finer and _counts_nodes(table.values):
+        raise SceneFileError(
+            f"{table.where} selects nodes by their numbers, which a finer mesh has more of: select them by a group, a "
+            "box or a half-space"
+        )
     if skin is not None:  # moved along with the mesh
         skin = _placed_points(table, skin[0]), skin[1]
     if name is not None:
@@ -79,6 +84,19 @@ def read_body(table: Table, folder: Path) -> SoftBody:
         name=name,
         surface=skin,
     )
+
+
+def _counts_nodes(values: Any) -> bool:
+    """Whether a table selects nodes by number somewhere."""
+    if isinstance(values, list):
+        return any(_counts_nodes(each) for each in values)
+    if not isinstance(values, dict):
+        return False
+    return any((key == "nodes" and _numbers(each)) or _counts_nodes(each) for key, each in values.items())
+
+
+def _numbers(value: Any) -> bool:
+    return isinstance(value, list) and bool(value) and all(isinstance(each, int) for each in value)
 
 
 def _children(table: Table, key: str) -> list[tuple[dict[str, Any], str]]:

@@ -81,21 +81,22 @@ class SceneFile:
         )
 
 
-def load_scene(path: Any, also: Sequence[str] = ()) -> SceneFile:
+def load_scene(path: Any, also: Sequence[str] = (), finer: bool = False) -> SceneFile:
     """Read a scene file. Relative paths in it start at its folder.
 
-    `also`: further top-level keys that the caller reads by itself. FileNotFoundError for a missing scene or mesh file;
+    `also`: further top-level keys that the caller reads by itself. `finer`: meshes of soft bodies refined, each element
+    in eight. FileNotFoundError for a missing scene or mesh file;
     SceneFileError, SceneError, MaterialError or MeshError for what is wrong in them.
     """
     source = Path(path)
     values = read_toml(source)
     try:
-        return _scene_file(Table(values, "the top level", (*TOP_KEYS, *also)), source)
+        return _scene_file(Table(values, "the top level", (*TOP_KEYS, *also)), source, finer)
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
 
 
-def _scene_file(top: Table, source: Path) -> SceneFile:
+def _scene_file(top: Table, source: Path, finer: bool = False) -> SceneFile:
     time, scheme = _time(top)
     solver, method = _solver(top)
     output = top.table("output", OUTPUT_KEYS, "[output]")
@@ -122,7 +123,7 @@ def _scene_file(top: Table, source: Path) -> SceneFile:
         "fields": _fields(output),
     }
     gravity = top.vector("gravity", (0.0, 0.0, -9.81), "m/s^2")
-    return SceneFile(scene=_scene(top, source.parent, gravity), source=source, **settings)
+    return SceneFile(scene=_scene(top, source.parent, gravity, finer), source=source, **settings)
 
 
 def _time(top: Table) -> tuple[Table, Scheme]:
@@ -162,8 +163,9 @@ def _solver(top: Table) -> tuple[Table, str | Method]:
     return solver, METHODS[word].made(**given) if given else word
 
 
-def _scene(top: Table, folder: Path, gravity: Any) -> Scene:
-    soft = [read_body(Table(values, where, body_keys(values, where)), folder) for values, where in _listed(top, "body")]
+def _scene(top: Table, folder: Path, gravity: Any, finer: bool = False) -> Scene:
+    bodies = _listed(top, "body")
+    soft = [read_body(Table(values, where, body_keys(values, where)), folder, finer) for values, where in bodies]
     sources = SceneSources(folder, soft)
     rigid = [read_rigid(Table(values, where, RIGID_KEYS), sources) for values, where in _listed(top, "rigid")]
     if not soft and not rigid:

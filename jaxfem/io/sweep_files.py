@@ -9,6 +9,7 @@ from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml
 from jaxfem.sweeping.chunks import AUTO
 from jaxfem.sweeping.engines import ENGINES
+from jaxfem.sweeping.indices import sobol
 from jaxfem.sweeping.merging import ARRAYS, TABLES
 from jaxfem.sweeping.outputs import OUTPUTS
 from jaxfem.sweeping.samples import Variants, grid, latin_hypercube, random, table
@@ -16,24 +17,26 @@ from jaxfem.sweeping.shards import digest
 from jaxfem.sweeping.taking import TAKEN, Taken
 
 TOP_KEYS = ("scene", "sweep", "values", "outputs", "output")
-SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes")
+SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes", "derivatives")
 OUTPUT_KEYS = ("folder", "table", "arrays", "plots")
-KINDS = ("grid", "random", "latin_hypercube", "table")
+KINDS = ("grid", "random", "latin_hypercube", "sobol", "table")
 
 
 @dataclasses.dataclass(frozen=True)
 class SweepFile:
-    """A sweep as its file says: `scene`, `variants` (name -> (V, ...)), `outputs`, `engine`, `width` of a chunk (None:
-    what suits), `processes` (None: one a core), `folder`, kinds of `table` and `arrays`, whether there are `plots`, and
-    a `digest` of all that the numbers depend on."""
+    """A sweep as its file says: `scene`, `variants` (name -> (V, ...)), `outputs`, whether there are `indices`, the
+    `engine`, `width` of a chunk (None: what suits), `processes` (None: one a core), variables of `derivatives`, the
+    `folder`, kinds of `table` and `arrays`, whether there are `plots`, and a `digest` of all that numbers depend on."""
 
     scene: SceneFile
     variants: Variants
     outputs: dict[str, Taken]
     seed: int
+    indices: bool
     engine: str
     width: int | None
     processes: int | None
+    derivatives: tuple[str, ...]
     folder: Path
     table: str
     arrays: str
@@ -45,9 +48,9 @@ class SweepFile:
 def load_sweep(path: Any) -> SweepFile:
     """Read a sweep file. Relative paths in it start at its folder.
 
-    Top level: `scene`; [sweep] kind, count, seed, table, engine, width, processes; [values] NAME = list of values (a
-    grid), or [low, high], or [low, high, "log"]; [outputs] NAME = a word, or { kind, take, ... }; [output] folder,
-    table, arrays, plots. FileNotFoundError for a missing file, SceneFileError for what is wrong.
+    Top level: `scene`; [sweep] kind, count, seed, table, engine, width, processes, derivatives; [values] NAME = list of
+    values (a grid), or [low, high], or [low, high, "log"]; [outputs] NAME = a word, or { kind, take, ... }; [output]
+    folder, table, arrays, plots. FileNotFoundError for a missing file, SceneFileError for what is wrong.
     """
     source = Path(path)
     values = read_toml(source)
@@ -59,9 +62,11 @@ def load_sweep(path: Any) -> SweepFile:
             "variants": _variants(settings, top.table("values", None, "[values]"), source.parent),
             "outputs": _outputs(top.table("outputs", None, "[outputs]")),
             "seed": _seed(settings),
+            "indices": settings.choice("kind", KINDS) == "sobol",
             "engine": settings.choice("engine", (AUTO, *ENGINES.words()), AUTO),
             "width": settings.integer("width", None),
             "processes": settings.integer("processes", None),
+            "derivatives": _derivatives(settings),
             "folder": source.parent / output.text("folder", f"{source.stem}_results"),
             "table": output.choice("table", TABLES, "csv"),
             "arrays": output.choice("arrays", ARRAYS, "npy"),
@@ -70,8 +75,16 @@ def load_sweep(path: Any) -> SweepFile:
     except SceneFileError as problem:
         raise SceneFileError(f"{source}: {problem}") from problem
     scene = load_scene(scene_path)
-    words = repr((scene_path.read_text(encoding="utf-8"), values.get("outputs"), made["engine"], made["width"]))
+    how = made["engine"], made["width"], *made["derivatives"]
+    words = repr((scene_path.read_text(encoding="utf-8"), values.get("outputs"), *how))
     return SweepFile(scene=scene, source=source, digest=digest(words, made["variants"]), **made)
+
+
+def _derivatives(settings: Table) -> tuple[str, ...]:
+    names = settings.get("derivatives", [])
+    if not isinstance(names, list) or not all(isinstance(name, str) for name in names):
+        raise settings.wrong("derivatives", 'a list of names of [values], like ["young"]')
+    return tuple(names)
 
 
 def _seed(settings: Table) -> int:
@@ -95,7 +108,7 @@ def _variants(settings: Table, values: Table, folder: Path) -> Variants:
             )
     if kind == "grid":
         return grid(values.values)
-    draw = random if kind == "random" else latin_hypercube
+    draw = {"random": random, "latin_hypercube": latin_hypercube, "sobol": sobol}[kind]
     return draw(values.values, settings.integer("count"), _seed(settings))
 
 

@@ -8,13 +8,14 @@ from jaxfem.sweeping.outputs import OUTPUTS
 from jaxfem.sweeping.taking import TAKEN
 
 SWEEP: dict[str, Line] = {
-    "kind": ('"latin_hypercube"', "or grid, random, table"),
+    "kind": ('"latin_hypercube"', "or grid, random, table; sobol for sensitivity indices (then count is a power of 2)"),
     "count": ("8", "variants; not of a grid or a table"),
     "seed": ("0", "the same gives the same"),
     "table": ('"values.csv"', 'of kind = "table": names in its first line, a row a variant'),
     "engine": ('"auto"', ""),
     "width": ("32", "variants a shard; what suits without it"),
     "processes": ("2", "one a core without it"),
+    "derivatives": ('["young"]', "of the outputs in these, beside them"),
 }
 OUTPUT: dict[str, Line] = {
     "folder": ('"swept"', "beside this file; NAME_results without it"),

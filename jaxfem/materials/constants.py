@@ -22,13 +22,14 @@ class Transform:
     """How a fit's unknown z becomes a value in the open range (low, high).
 
     `proportional`: several values change in proportion, and plots take a logarithmic axis. `open_spread`: the standard
-    error of z from which samples say next to nothing of the value.
+    error of z from which samples say next to nothing of the value. `longest`: step of z that a search may take at once.
     """
 
     low: float = -float("inf")
     high: float = float("inf")
     proportional: ClassVar[bool] = False
     open_spread: ClassVar[float] = float("inf")
+    longest: ClassVar[float] = 1.0
 
     def value(self, z: Array) -> Array:
         """The value at z."""
@@ -76,6 +77,8 @@ class Logistic(Transform):
 class Identity(Transform):
     """The value itself."""
 
+    longest: ClassVar[float] = float("inf")
+
     def value(self, z: Array) -> Array:
         """z."""
         return z
@@ -111,7 +114,8 @@ class Constant:
     Fits: `transform`; `bounds` where a user gives none: multiples of the start, or with `absolute` the values
     themselves; `stiffness`: a body's stiffness is in proportion to it, and a fit scans over it; `viscous`: it is a
     time [s] of viscous stress, to which a time scheme's damping adds; `doubt`: a value below which a fit is warned, and
-    why.
+    why; `limit`: samples may tell no more than that it is large, or small: its 95 % interval is then that of the
+    profile likelihood, open towards one side.
     """
 
     name: str
@@ -129,10 +133,10 @@ class Constant:
     stiffness: bool = False
     viscous: bool = False
     doubt: tuple[float, str] | None = None
+    limit: bool = False
 
     def __post_init__(self) -> None:
-        if not self.name.isidentifier() or self.name.startswith("_") or keyword.iskeyword(self.name):
-            raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
+        self._check_name()
         if not self.low < self.high:
             raise TypeError(f"{self.name} must lie between {self.low:g} and {self.high:g}: give low < high")
         if self.default is not None and not self._inside(np.asarray(self.default)):
@@ -141,6 +145,10 @@ class Constant:
             raise TypeError(
                 f"{self.name} may be negative, but fits search its logarithm: give transform=Identity(), or low=0"
             )
+
+    def _check_name(self) -> None:
+        if not self.name.isidentifier() or self.name.startswith("_") or keyword.iskeyword(self.name):
+            raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
 
     @property
     def range(self) -> Range:

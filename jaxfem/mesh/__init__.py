@@ -9,6 +9,7 @@ from .files import from_cells, read, read_surface, write
 from .filling import from_surface
 from .generators import ball, beam, box
 from .quality import QualityReport, quality, report_text
+from .refining import refined
 from .tet import MeshError, TetMesh
 
 __all__ = [
@@ -29,6 +30,7 @@ __all__ = [
     "quality",
     "read",
     "read_surface",
+    "refined",
     "report_text",
     "write",
 ]

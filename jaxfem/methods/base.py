@@ -70,9 +70,14 @@ class Method(abc.ABC):
     name: ClassVar[str]
     nonlinear: ClassVar[bool] = False
     """Whether it serves materials that are not linear in the step."""
+    as_it_is: ClassVar[bool] = False
+    """Whether its step of soft bodies is that of `system.soft.step_system`, solved to the tolerance: another way to
+    solve that gives the same, and sweeps may take theirs. Subclasses with a step or solve of their own say so anew."""
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if {"step", "solve"} & {*cls.__dict__}:
+            cls.as_it_is = cls.__dict__.get("as_it_is", False)
         if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
             return
         if cls.name == AUTO:
@@ -108,6 +113,11 @@ class Method(abc.ABC):
     def impulses(self, model: Model, memory: Any) -> OrderedDict[str, Array]:
         """Impulses of the last step by the names of their groups of rows, as far as the `memory` holds them."""
         return OrderedDict()
+
+
+def solves_as_it_is(method: Any) -> bool:
+    """Whether a method says that of itself."""
+    return bool(getattr(method, "as_it_is", False))
 
 
 METHODS: Registry["Method"] = Registry("method")

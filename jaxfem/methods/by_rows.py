@@ -15,9 +15,12 @@ from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.base import Rows
 from jaxfem.solvers.differentiation import recomputed
+from jaxfem.solvers.status import Status
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
+from jaxfem.system.giving import gave_way
 from jaxfem.system.holding import held, unmet
 from jaxfem.system.momentum import kept, turning_status, turns_ahead
+from jaxfem.system.piercing import piercing_status
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
@@ -29,16 +32,19 @@ PULL_ROUNDS = 2
 
 
 class Ended(Pytree):
-    """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`.
+    """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`, `gave`: `gave_way`.
 
     `spin`: along which free rigid bodies turn. It is kept, not found anew: rounding may lead to another solution.
+    `pulled`: how hard joints pulled on them, by the impulses that it was solved with.
     """
 
     solved: Solved
     missed: dict[str, Array]
+    gave: Array | None
     impact: Array | None
     passed: Array | None
     spin: Array | None
+    pulled: Array | None
 
 
 class RowMethod(Method):
@@ -62,13 +68,17 @@ class RowMethod(Method):
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
             solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
             missed = unmet(model, system, solved.velocities, solved.impulses or {})
-            return Ended(solved, missed, system.impact, system.passed, system.spin)
+            gave = gave_way(model, system, solved.impulses or {}, dt)
+            return Ended(solved, missed, gave, system.impact, system.passed, system.spin, system.pulled)
 
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
         status = info.status
         if model.joints:
             status = held(model, params, configuration(following), found.missed, dt, status)
+        if found.gave is not None:
+            status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
+        status = piercing_status(model, state, status)
         return following, info.replace(status=turning_status(model, params, state, dt, status))
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
@@ -99,16 +109,18 @@ def with_fresh_pull(
     def trip(carry: tuple[Impulses, Ended, Array], _: None) -> tuple[tuple[Impulses, Ended, Array], None]:
         pull, last, due = carry
 
-        def again(pull: Impulses, last: Ended) -> Ended:
+        def again(pull: Impulses, last: Ended) -> tuple[Ended, Array]:
             found = once(pull)
             info = found.solved.info
             info = info.replace(iterations=info.iterations + last.solved.info.iterations)
-            return found.replace(solved=found.solved.replace(info=info))
+            fresh = found.solved.impulses
+            assert fresh is not None and found.pulled is not None
+            grew = pull_grew(model, middle, found.pulled, fresh, dt, configuration(state))
+            return found.replace(solved=found.solved.replace(info=info)), grew
 
-        found: Ended = cond_any(due, recomputed(again), lambda _, last: last, pull, last)
+        found, due = cond_any(due, recomputed(again), lambda _, last: (last, jnp.bool_(False)), pull, last)
         assert found.solved.impulses is not None
-        fresh = found.solved.impulses
-        return (fresh, found, due & pull_grew(model, middle, pull, fresh, dt, configuration(state))), None
+        return (found.solved.impulses, found, due), None
 
     assert state.memory is not None
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, state.memory))

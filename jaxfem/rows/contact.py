@@ -15,6 +15,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.quantities import positive, share
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
@@ -47,8 +48,8 @@ class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,), `restitution` (m,) and `separation` (m,) [m/s], the
     speed with which what is inside each other is moved apart at most."""
 
-    friction: Any = dataclasses.field(metadata=within(low=0))
-    restitution: Any = dataclasses.field(metadata=within(low=0, high=1))
+    friction: Any = dataclasses.field(metadata=within(low=0) | positive("friction", "", "friction"))
+    restitution: Any = dataclasses.field(metadata=within(low=0, high=1) | share("restitution", "restitution"))
     separation: Any = dataclasses.field(metadata=within(low=0, open_low=True, infinite=True))
 
 
@@ -94,6 +95,16 @@ class Candidates(Pytree):
     def give(self) -> float:
         """Least compliance of their rows, as a share of what a unit impulse moves their nodes by; 0: the solver's."""
         return 0.0
+
+    @property
+    def slip(self) -> float:
+        """The same of their friction rows alone, by which what sticks creeps."""
+        return 0.0
+
+    @property
+    def deepest(self) -> Array | None:
+        """How deep (m,) [m] pairs may be: beyond, they are coming through. None where that is not watched."""
+        return None
 
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""

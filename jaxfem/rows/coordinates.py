@@ -9,6 +9,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.quantities import positive, signed
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
@@ -112,9 +113,9 @@ class CoordinateRows(JointRows):
 class LengthValues(Pytree):
     """`length` (m,) [m] of distance joints and ropes, beside their softness."""
 
-    length: Any = field(metadata=within(low=0))
-    compliance: Any = field(metadata=within(low=0))
-    damping: Any = field(metadata=within(low=0))
+    length: Any = field(metadata=within(low=0) | positive("length", "m", "length"))
+    compliance: Any = field(metadata=within(low=0) | positive("compliance", "m/N", "compliance"))
+    damping: Any = field(metadata=within(low=0) | positive("damping", "N s/m", "damping"))
 
 
 class Distance(CoordinateRows):
@@ -140,10 +141,12 @@ class Distance(CoordinateRows):
 class LimitValues(Pytree):
     """`low` and `high` (m,) [rad or m], beside the limits' softness."""
 
-    low: Any
-    high: Any
-    compliance: Any = field(metadata=within(low=0))
-    damping: Any = field(metadata=within(low=0))
+    low: Any = field(metadata=within(infinite=True) | signed("low", "m", "lower limit", "rad"))
+    high: Any = field(metadata=within(infinite=True) | signed("high", "m", "upper limit", "rad"))
+    compliance: Any = field(
+        metadata=within(low=0) | positive("limit_compliance", "m/N", "compliance of limits", "rad/(N m)")
+    )
+    damping: Any = field(metadata=within(low=0) | positive("limit_damping", "N s/m", "damping of limits", "N m s"))
 
 
 class Limit(CoordinateRows):
@@ -170,10 +173,14 @@ class Limit(CoordinateRows):
 class DriveValues(Pytree):
     """`target` (m,) [rad/s or m/s; rad or m of a position motor], `strength` (m,) [N m or N], at most; softness."""
 
-    target: Any = field(metadata=within())
-    strength: Any = field(metadata=within(low=0, infinite=True))
-    compliance: Any = field(metadata=within(low=0))
-    damping: Any = field(metadata=within(low=0))
+    target: Any = field(metadata=within() | signed("motor_target", "m or m/s", "target of the motor", "rad or rad/s"))
+    strength: Any = field(
+        metadata=within(low=0, infinite=True) | positive("motor_strength", "N", "strength of the motor", "N m")
+    )
+    compliance: Any = field(
+        metadata=within(low=0) | positive("motor_compliance", "m/N", "compliance of the motor", "rad/(N m)")
+    )
+    damping: Any = field(metadata=within(low=0) | positive("motor_damping", "N s/m", "damping of the motor", "N m s"))
 
 
 class Drive(CoordinateRows):

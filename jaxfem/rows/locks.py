@@ -14,6 +14,7 @@ from typing import Any, Protocol, Self, runtime_checkable
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.quantities import positive
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import (
@@ -35,8 +36,8 @@ Array = jax.Array
 class Softness(Pytree):
     """What users differentiate of m joints: `compliance` (m,) [m/N or rad/(N m)] and `damping` (m,) [N s/m, N m s]."""
 
-    compliance: Any = field(metadata=within(low=0))
-    damping: Any = field(metadata=within(low=0))
+    compliance: Any = field(metadata=within(low=0) | positive("compliance", "m/N", "compliance", "rad/(N m)"))
+    damping: Any = field(metadata=within(low=0) | positive("damping", "N s/m", "damping", "N m s"))
 
 
 class JointRows(Pytree):

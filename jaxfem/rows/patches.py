@@ -8,6 +8,9 @@ import jax.numpy as jnp
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.contact import SAID_AGAIN, Pairs, SurfaceContacts
 
+SUNK = 0.25
+"""Of the depth behind which nodes are elsewhere: those between the two are coming through."""
+
 
 class PatchContacts(SurfaceContacts):
     """Nodes of a patch of a soft body's surface against another patch of it, `deep` (m,) [m] behind which they are
@@ -24,6 +27,11 @@ class PatchContacts(SurfaceContacts):
     def give(self) -> float:
         """Nodes of both sides meet the other's triangles, so rows say nearly the same twice."""
         return SAID_AGAIN
+
+    @property
+    def deepest(self) -> Any:
+        """A share of where they are taken to be elsewhere."""
+        return SUNK * self.deep
 
     def pairs(self, at: Configuration) -> Pairs:
         """As for two bodies."""

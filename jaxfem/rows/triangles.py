@@ -14,21 +14,28 @@ def nearest_triangle(
 
     Of triangles about equally near, one that looks against `outward` (m, 3) is taken, where that is given.
     The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
+    Beyond an edge or a corner that triangles share, the normal is the mean of theirs.
     """
     fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
     squares = _square_distances(fixed_points, fixed_nodes[triangles])
     if outward is not None:
         squares = squares + _turned_away(fixed_nodes[triangles], jax.lax.stop_gradient(outward))
-    nearest = _first_of_least(squares, fixed_nodes[triangles])
-    chosen = jnp.take_along_axis(triangles, nearest[:, None, None], axis=1)[:, 0]
-    a, b, c = (nodes[chosen[:, i]] for i in range(3))
-    normal = jnp.cross(b - a, c - a)
-    weights = _held(_weights(points, a, b, c))
-    return chosen, weights, normal / jnp.linalg.norm(normal, axis=-1, keepdims=True)
+    tied = _tied(squares, fixed_nodes[triangles])
+    nearest = jnp.argmax(tied, axis=1)[:, None]
+    chosen = jnp.take_along_axis(triangles, nearest[:, :, None], axis=1)[:, 0]
+    first, second, third = (nodes[triangles[:, :, i]] for i in range(3))
+    across = jnp.cross(second - first, third - first)
+    own = jnp.take_along_axis(across, nearest[:, :, None], axis=1)
+    alike = tied & (jnp.sum(across * own, -1) > ALIKE * _length(across) * _length(own))
+    normal = jnp.sum(jnp.where(alike[:, :, None], across, 0), axis=1)
+    weights = _held(_weights(points, *(nodes[chosen[:, i]] for i in range(3))))
+    return chosen, weights, normal / _length(normal)[:, None]
 
 
 TIE = 8.0
 """Times the precision and the square of a triangle's size: squares of distances that are taken for equal."""
+ALIKE = 0.7
+"""Cosine between normals of triangles of one face: those around its rim do not count."""
 
 ASIDE = 0.1
 """Share of a triangle's size from which a point beyond its edge is no longer over it."""
@@ -55,16 +62,22 @@ def aside(way: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
     return jnp.sum(way**2, -1) - jnp.sum(way * normal, -1) ** 2 > ASIDE**2 * area, area
 
 
-def _first_of_least(squares: Array, corners: Array) -> Array:
-    """Numbers (m,) of the first of the least `squares` (m, t), of triangles `corners` (m, t, 3, 3).
+def _tied(squares: Array, corners: Array) -> Array:
+    """Which of triangles `corners` (m, t, 3, 3) have the least of `squares` (m, t), but for rounding.
 
     A point beyond an edge or a corner that triangles share is as near to each of them: rounding would choose, and what
-    hangs on their normals would jump from run to run.
+    hangs on their normals would jump from run to run. Nodes on nodes, with a row from either side, need one normal.
     """
     edges = jnp.sum((corners[:, :, 1:] - corners[:, :, :1]) ** 2, -1)
     least = jnp.min(squares, axis=1, keepdims=True)
     equal = TIE * jnp.finfo(squares.dtype).eps * (least + jnp.max(edges, axis=(1, 2))[:, None])
-    return jnp.argmax(squares <= least + equal, axis=1)
+    tied: Array = squares <= least + equal
+    return tied
+
+
+def _length(vectors: Array) -> Array:
+    length: Array = jnp.linalg.norm(vectors, axis=-1)
+    return length
 
 
 def _turned_away(corners: Array, outward: Array) -> Array:

@@ -31,6 +31,7 @@ class Status(enum.IntEnum):
     CONTRADICTORY_JOINTS = 8
     OPEN_JOINTS = 9
     TURNED_TOO_FAR = 10
+    GAVE_WAY = 11
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
@@ -69,6 +70,7 @@ _MESSAGES = {
     Status.CONTRADICTORY_JOINTS: "contradictory joints",
     Status.OPEN_JOINTS: "left joints open",
     Status.TURNED_TOO_FAR: "turned too far for a step of straight lines",
+    Status.GAVE_WAY: "gave way",
 }
 
 

@@ -2,6 +2,7 @@
 
 from jaxfem.sweeping.chunks import Sweep, sweep
 from jaxfem.sweeping.errors import SweepError
+from jaxfem.sweeping.indices import indices_of, sensitivity_indices, sobol
 from jaxfem.sweeping.outputs import OUTPUTS, Observed, Output
 from jaxfem.sweeping.result import SweepResult
 from jaxfem.sweeping.samples import grid, latin_hypercube, random, table
@@ -14,8 +15,11 @@ __all__ = [
     "SweepError",
     "SweepResult",
     "grid",
+    "indices_of",
     "latin_hypercube",
     "random",
+    "sensitivity_indices",
+    "sobol",
     "sweep",
     "table",
 ]

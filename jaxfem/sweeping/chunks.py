@@ -1,5 +1,6 @@
 """jf.sweep: many variants of one scene, chunk by chunk, on all devices."""
 
+import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
@@ -9,6 +10,7 @@ import numpy as np
 
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping.checks import check_call, check_rollout, typed
+from jaxfem.sweeping.derivatives import floating
 from jaxfem.sweeping.engines import ENGINES, Engine, Task
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.outputs import measuring
@@ -44,6 +46,7 @@ class Sweep:
         engine: str = AUTO,
         width: int | None = None,
         halvings: int = 0,
+        derivatives: Sequence[str] = (),
         devices: Sequence[Any] | None = None,
     ):
         params, state = typed(model, params, state)
@@ -52,9 +55,9 @@ class Sweep:
         check_call(model, params, state, first.get(STEP, dt))
         check_rollout(steps, every, None)
         places = [place_of(name, model, params, state, value) for name, value in first.items() if _takes(name, change)]
-        self.task = Task(
-            model, params, state, dt, steps, every, tuple(places), measuring(model, outputs), change, halvings
-        )
+        asked = _asked(derivatives, self.variants)
+        measure = measuring(model, outputs)
+        self.task = Task(model, params, state, dt, steps, every, tuple(places), measure, change, halvings, asked)
         self.dtype = model.rest.dtype
         self.devices = tuple(devices or jax.local_devices())
         self.engine, self.reason = chosen(self.task, engine, self.devices)
@@ -112,14 +115,25 @@ class Sweep:
         """Bytes of a variant's outputs, and of its saved states; errors of outputs show here, before compiling."""
         parts = (self.task.model, self.task.params, self.task.state)
         values = {name: jax.ShapeDtypeStruct(each.shape[1:], self.dtype) for name, each in self.variants.items()}
+        plain = jax.eval_shape(dataclasses.replace(self.task, derivatives=()).one, parts, values)
+        if self.task.derivatives and not floating(plain[0]):
+            raise SweepError("derivatives were asked for, and no output is a floating-point number")
         kept = jax.eval_shape(self.task.one, parts, values)
-        saved = sum(leaf.nbytes for leaf in jax.tree.leaves(self.task.state)) * (self.task.steps // self.task.every)
+        # Backwards every step's state and solution are kept.
+        frames = 3 * self.task.steps if self.task.derivatives else self.task.steps // self.task.every
+        saved = sum(leaf.nbytes for leaf in jax.tree.leaves(self.task.state)) * frames
         return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(kept)), saved
 
 
 def _takes(name: str, change: Any) -> bool:
     """Whether a variable has a place of its own; those of a user's `change` are his, but for the known ones."""
     return change is None or name == STEP
+
+
+def _asked(names: Sequence[str], variants: Variants) -> tuple[str, ...]:
+    if isinstance(names, str) or not all(name in variants for name in names):
+        raise SweepError(f"derivatives is {names!r}; give names of variables of this sweep: {', '.join(variants)}")
+    return tuple(dict.fromkeys(names))
 
 
 def chosen(task: Task, asked: str, devices: Sequence[Any]) -> tuple[Engine, str]:
@@ -157,6 +171,7 @@ def sweep(
     engine: str = AUTO,
     width: int | None = None,
     halvings: int = 0,
+    derivatives: Sequence[str] = (),
     devices: Sequence[Any] | None = None,
     progress: Progress | None = None,
 ) -> SweepResult:
@@ -169,7 +184,9 @@ def sweep(
     states saved `every` so many steps), or "energies", "contact_forces", "frequencies", "positions", "rigid", or
     `sweeping.outputs.PointPath(place)`. `engine`: "auto", or one of `sweeping.engines.ENGINES`. `width`: variants a
     chunk and device; chunks are all of one width. A step that fails is taken in halves `halvings` times, then that
-    variant stops, and its status says why; no other feels it. `devices`: all of the process's where None.
+    variant stops, and its status says why; no other feels it. `derivatives`: names of variables in which the outputs
+    are differentiated too, (V, *output, *variable) each: `result.derivative("tip", "young")`. `devices`: all of the
+    process's where None.
     `progress(done, all, seconds left)` is called after each chunk. SweepError names what cannot be.
     """
     options = {"every": every, "change": change, "engine": engine, "width": width, "halvings": halvings}
@@ -181,6 +198,7 @@ def sweep(
         dt=dt,
         steps=steps,
         outputs=outputs,
+        derivatives=derivatives,
         devices=devices,
         **options,  # type: ignore[arg-type]
     )

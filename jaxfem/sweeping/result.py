@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.solvers.status import describe
+from jaxfem.sweeping.derivatives import derivative_name
 
 FEW = 12  # numbers of an output that a table shows side by side
 
@@ -37,6 +38,15 @@ class SweepResult:
     def __getitem__(self, name: str) -> np.ndarray:
         """An output (V, ...) by its name."""
         return self.outputs[name]
+
+    def derivative(self, output: str, variable: str) -> np.ndarray:
+        """Of an output in a variable that the sweep was asked to differentiate in, (V, *output, *variable)."""
+        return self.outputs[derivative_name(output, variable)]
+
+    def samples(self, output: str) -> tuple[np.ndarray, np.ndarray]:
+        """(X (g, d), Y (g, ...)) of the g variants that converged: what a surrogate of one's choice is fitted to."""
+        values = columns(self.variants)
+        return np.stack(list(values.values()), 1)[self.good], self.outputs[output][self.good]
 
     @property
     def good(self) -> np.ndarray:

@@ -13,8 +13,8 @@ A row without restitution whose force goes on pressing needs none of this: it ar
 is left of its velocity, and loses that in the next, so the impulse acts in the shares 1 - t and t of two steps, as does
 that of friction (see `rows/contact.py`).
 Bodies that joints tie are struck together, those that touch or strike each other too; the first impact in a step
-counts. Bodies tied to soft ones are left out, as are rows that are softer than rigid, and those between bodies that
-both move: their arms are those of the step's start, so that placed they would not keep angular momentum.
+counts. Two bodies that both move are struck with the arms that they have then (`meeting_arms.py`): those of the step's
+start would not keep angular momentum. Bodies tied to soft ones are left out, as are rows that are softer than rigid.
 """
 
 from collections import OrderedDict
@@ -28,6 +28,7 @@ from jaxfem.batching import cond_any
 from jaxfem.rows.bounds import Friction
 from jaxfem.rows.contact import Gaps
 from jaxfem.rows.points import PointRows
+from jaxfem.system.meeting_arms import BETWEEN, with_arms_when_struck
 
 Array = jax.Array
 
@@ -36,6 +37,8 @@ FORCE_STEPS = 2.0
 PLAUSIBLE = 0.25
 """Of a row's rate: what the impulses of the last step may add in this one. They are not those of a smooth motion
 where something struck in it."""
+PRESSING = 1e-6
+"""Of a row's rate: what force changes of it in a step, beyond rounding, where it takes apart what has met."""
 STILL = 1e-2
 """Of the gap at which bodies touch: a way in a step that is none."""
 ROUNDS = 4
@@ -58,12 +61,14 @@ class Approach(NamedTuple):
 
 class Event(NamedTuple):
     """Rows (m, r) in a step: `due` where one is placed, `arrives` where it or another strikes, the `share` of the step
-    until then, and the `rate` asked for."""
+    until then, and what the rate asked for follows from: the `time` at which the gap closes, of the step, and the
+    `change` of the rate by force."""
 
     due: Array
     arrives: Array
     share: Array
-    rate: Array
+    time: Array
+    change: Array
 
 
 def gaps_of(rows: PointRows, dt: Array) -> Gaps:
@@ -92,17 +97,20 @@ def with_impacts(
     ways = OrderedDict(
         (name, _approach(extra[name], each, islands, before, free)) for name, each in sorted(gaps.items())
     )
-    changing = (*ways, *friction)
-    plain = tuple(extra[name].bias for name in changing)
+    turning = tuple(extra) if any(way.rows.triples.shape[1] == BETWEEN for way in ways.values()) else ()
+    plain = OrderedDict((name, extra[name].bias) for name in (*ways, *friction))
+    arms = OrderedDict((name, extra[name].jacobian) for name in turning)
     none = jnp.zeros(islands.shape, before.dtype)
 
-    def place() -> tuple[tuple[Array, ...], Array]:
-        return _placed(extra, ways, friction, islands, before, free, inverse, last, dt)
+    def place() -> tuple[Any, Any, Array]:
+        return _placed(extra, turning, ways, friction, islands, before, free, inverse, last, dt)
 
-    biases, share = cond_any(_possible(ways.values(), dt), place, lambda: (plain, none))
+    biases, arms, share = cond_any(_possible(ways.values(), dt), place, lambda: (plain, arms, none))
     changed = OrderedDict(extra)
-    for name, bias in zip(changing, biases, strict=True):
-        changed[name] = extra[name].replace(bias=bias)
+    for name, bias in biases.items():
+        changed[name] = changed[name].replace(bias=bias)
+    for name, jacobian in arms.items():
+        changed[name] = changed[name].replace(jacobian=jacobian)
     return changed, share
 
 
@@ -138,7 +146,8 @@ def _possible(ways: Any, dt: Array) -> Array:
 
 
 def _placed(
-    extra: Mapping[str, PointRows],
+    extra: OrderedDict[str, PointRows],
+    turning: tuple[str, ...],
     ways: Mapping[str, Approach],
     friction: Mapping[str, Friction],
     islands: Array,
@@ -147,20 +156,27 @@ def _placed(
     inverse: Any,
     last: Mapping[str, Array],
     dt: Array,
-) -> tuple[tuple[Array, ...], Array]:
-    """Biases of the groups, and the bodies' shares."""
-    pushed = [extra[name].apply_transpose(jax.lax.stop_gradient(lam)) for name, lam in last.items() if name in extra]
-    held = jax.lax.stop_gradient(inverse(sum(pushed, start=jnp.zeros_like(free))))
+) -> tuple[OrderedDict[str, Array], OrderedDict[str, Array], Array]:
+    """Biases of the groups, the Jacobians of those that are `turning`, and the bodies' shares."""
+    pushed = [extra[name].apply_transpose(lam) for name, lam in last.items() if name in extra]
+    held = inverse(sum(pushed, start=jnp.zeros_like(free)))
     events = [_event(way, held, islands.shape[0], dt) for way in ways.values()]
     slots = _shares(list(ways.values()), events, islands.shape[0])
     share = slots[islands]
     nodes = before.shape[0] - 2 * share.shape[0]
     gone = jnp.concatenate([jnp.zeros(nodes, share.dtype), share, share])[:, None] * before
-    biases = [_bias(way, event, slots, gone, dt) for way, event in zip(ways.values(), events, strict=True)]
+    rows = extra
+    if turning:
+        to = nodes + share.shape[0]
+        rows = with_arms_when_struck(extra, dt * gone[nodes:to], islands < share.shape[0], nodes)
+    biases = OrderedDict[str, Array]()
+    for (name, way), event in zip(ways.items(), events, strict=True):
+        rate = way.side * rows[name].apply(before)
+        biases[name] = _bias(way._replace(rows=rows[name], rate=rate), event, slots, gone, dt)
     for name, each in friction.items():  # it acts on the velocities after the impact
         struck = slots[ways[each.normal].bodies].max(axis=1, keepdims=True) > 0
-        biases.append(jnp.where(struck, 0, extra[name].bias))
-    return tuple(biases), share
+        biases[name] = jnp.where(struck, 0, extra[name].bias)
+    return biases, OrderedDict((name, rows[name].jacobian) for name in turning), share
 
 
 def _event(way: Approach, held: Array, count: int, dt: Array) -> Event:
@@ -169,26 +185,25 @@ def _event(way: Approach, held: Array, count: int, dt: Array) -> Event:
     more = plain + way.side * way.rows.apply(held)
     change = jnp.where(jnp.abs(more) <= PLAUSIBLE * jnp.abs(way.rate), more, plain)
     end, gap = way.rate + change, jnp.maximum(way.gap, 0) / dt
-    ours = jnp.all(way.bodies != count, axis=1, keepdims=True) & (way.side != 0) & ~_between_free(way, count)
+    ours = jnp.all(way.bodies != count, axis=1, keepdims=True) & (way.side != 0)
     arrives = ours & (way.gap / dt + end < 0) & (way.rate < -FORCE_STEPS * jnp.abs(change))
-    due = arrives & ((way.restitution > 0) | ((change > 0) & (way.gap >= 0)))
+    leaving = (change > PRESSING * jnp.abs(way.rate)) & (way.gap >= 0)
+    due = arrives & ((way.restitution > 0) | leaving)
 
     speed = jnp.where(arrives, -(way.rate + change / 2), 1)
     gap = jnp.where(arrives, gap, 0)
     root = jnp.sqrt(jnp.where(arrives, jnp.maximum(speed**2 - 2 * change * gap, 1e-3 * speed**2), 1))
     time = 2 * gap / (speed + root)
-    striking = way.rate + (time + 0.5) * change
-    rate = jnp.maximum((0.5 - time) * change - way.restitution * striking, -time * change / 2)
+    rate = _rate(way, time, change)
     share = time * (end - rate) / jnp.where(due, way.rate - rate, 1)
     pressing = gap / jnp.where(arrives, -end, 1)
-    return Event(due, arrives, jnp.where(due, share, jnp.where(arrives, pressing, jnp.inf)), rate)
+    return Event(due, arrives, jnp.where(due, share, jnp.where(arrives, pressing, jnp.inf)), time, change)
 
 
-def _between_free(way: Approach, count: int) -> Array:
-    """Rows (m, 1) between different islands that both move: placed, they would not keep angular momentum."""
-    moving = way.bodies < count
-    least = jnp.min(jnp.where(moving, way.bodies, count), axis=1, keepdims=True)
-    return jnp.any(moving & (way.bodies != least), axis=1, keepdims=True)
+def _rate(way: Approach, time: Array, change: Array) -> Array:
+    """What an impact at the share `time` of the step asks for at its end."""
+    striking = way.rate + (time + 0.5) * change
+    return jnp.maximum((0.5 - time) * change - way.restitution * striking, -time * change / 2)
 
 
 def _shares(ways: list[Approach], events: list[Event], count: int) -> Array:
@@ -255,5 +270,5 @@ def _bias(way: Approach, event: Event, slots: Array, gone: Array, dt: Array) -> 
     share = slots[way.bodies].max(axis=1, keepdims=True)
     left = (-way.gap / dt - way.side * way.rows.apply(gone)) / jnp.maximum(1 - share, 1e-3)
     others = (share > 0) & (way.side != 0) & (way.gap >= 0)
-    rate = jnp.where(event.due, event.rate, jnp.minimum(left, 0))
+    rate = jnp.where(event.due, _rate(way, event.time, event.change), jnp.minimum(left, 0))
     return jnp.where(event.due | others, way.side * rate, way.rows.bias)

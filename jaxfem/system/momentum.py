@@ -106,14 +106,16 @@ def turning_status(model: Model, params: Params, state: State, dt: Array, status
         return status
     params, state, dt = jax.lax.stop_gradient((params, state, dt))
     size = jnp.linalg.norm(_angles(model, params, state, dt), axis=1)
-    codes = [caused(Status.TURNED_TOO_FAR, f'"{name}", {_WHY}') for name in model.bodies]
+    codes = [turning_code(name) for name in model.bodies]
     found = jnp.asarray(np.array(codes, np.int32))[jnp.argmax(size)]
     return jnp.where(
         (size.max() > TOO_FAR[model.scheme.straight]) & (status == int(Status.CONVERGED)), found, status
     ).astype(jnp.int32)
 
 
-_WHY = "which gains energy by it: take a smaller time step"
+def turning_code(name: str) -> int:
+    """The status of a step in which the body `name` turns too far."""
+    return caused(Status.TURNED_TOO_FAR, f'"{name}", which gains energy by it: take a smaller time step')
 
 
 def _angles(model: Model, params: Params, state: State, dt: Array) -> Array:

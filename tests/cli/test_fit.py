@@ -102,6 +102,8 @@ def test_files_in_values_tables_and_plots_out(folder, capsys):
             "give median > 0 and factor > 1",
         ),
         ("[output]", '[[take]]\nrecording = "recording.csv"\n[output]', "recording is given beside [[take]]"),
+        ("[output]", '[fit.field]\nconstant = "young"\njump = 1\n[output]', "above 1"),
+        ('"damping"]', '"contact.flor.friction"]', 'cannot fit "contact.flor.friction"'),
         ("[output]", "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]", "unknown key 'poisson' in [fit.bounds]"),
     ],
 )
@@ -157,6 +159,26 @@ def test_a_browser_shows_the_report(folder, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.slow
+def test_refits_and_a_field_stand_in_page_and_files(folder, tmp_path):
+    """`--refine` and [fit.field], with a constant by its path."""
+    text = FIT.replace('"damping"]', '"gravity.turn.x"]').replace(
+        "[output]", '[fit.field]\nconstant = "young"\n[output]'
+    )
+    text = text.replace("release = 0.0", "release = 0.0\nend = 0.12")
+    (folder / "more.toml").write_text(text)
+    assert main(["fit", str(folder / "more.toml"), "--refine", "--no-plots", "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "fitted.json").read_text())
+    jsonschema.validate(found, SCHEMA)
+    assert [each["what"] for each in found["discretisation"]] == ["time step", "mesh"]
+    assert set(found["discretisation"][1]["estimate"]) == {"young", "gravity.turn.x"}
+    page = (tmp_path / "report.html").read_text()
+    assert 'id="discretisation"' in page and 'id="field"' in page
+    with (tmp_path / "field.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == 18 and all(float(row["young"]) > 0 for row in rows)
+
+
 def test_sensitivity_is_printed(folder, capsys):
     (folder / "plan.toml").write_text(FIT)
     assert main(["sensitivity", str(folder / "plan.toml"), "--sigma", "2e-4"]) == 0
@@ -176,6 +198,13 @@ def test_takes_noise_and_priors_are_read(folder):
     file = load_fit(folder / "takes.toml")
     assert [take.name for take in file.takes] == ["recording", "other"] and file.settings["held_out"] == ("other",)
     assert file.takes[0].cutting["release"] == 0.0 and file.takes[1].cutting["release"] == 0.1
+    loaded = (folder / "scene.toml").read_text()
+    load = '[[body.load]]\nkind = "nodal_force"\nnodes = "x+"\nvalue = [0, 0, -0.1]\n'
+    loaded = loaded.replace("\n[output]", f"\n{load}[output]")
+    (folder / "loaded.toml").write_text(loaded)
+    (folder / "takes.toml").write_text(text.replace('name = "other"', 'name = "other"\nscene = "loaded.toml"'))
+    with_weight = load_fit(folder / "takes.toml").takes[1].scene.scene.soft[0]
+    assert with_weight.loads[0].force == (0, 0, -0.1) and not file.takes[0].scene.scene.soft[0].loads
     assert file.settings["noise"].correlation == "ar" and file.settings["priors"]["young"].factor == 1.5
 
 

@@ -149,3 +149,18 @@ def test_mistakes(files, capsys, old, new, message):
     assert main(["sweep", str(files(SWEEP.replace(old, new)))]) == 2
     said = capsys.readouterr().err
     assert message in said and said.count("\n") == 1
+
+
+def test_indices_of_a_file(files, tmp_path, capsys):
+    """kind = "sobol" writes indices, a row for each output and variable; its count is a power of 2."""
+    pytest.importorskip("SALib")
+    text = SWEEP.replace('"random"', '"sobol"').replace("count = 75", "count = 4").replace("width = 2", "width = 16")
+    assert main(["sweep", str(files(text)), "--out", str(tmp_path / "out"), "--processes", "1"]) == 0
+    rows = (tmp_path / "out" / "indices.csv").read_text().splitlines()
+    assert rows[0] == "output,variable,first,first_bar,total,total_bar"
+    assert [row.split(",")[1] for row in rows[1:3]] == ["young", "gravity[2]"]
+    assert "indices.csv" in capsys.readouterr().out and rows[1].startswith("tip[0],young,")
+    assert np.isfinite([[float(cell) for cell in row.split(",")[2:]] for row in rows[1:]]).all()
+    wrong = text.replace("count = 4", "count = 5")
+    assert main(["sweep", str(files(wrong)), "--out", str(tmp_path / "other")]) == 2
+    assert "power of 2" in capsys.readouterr().err

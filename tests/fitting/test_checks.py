@@ -109,6 +109,16 @@ def test_a_marker_that_only_leaps_is_refused():
         repaired(recording)
 
 
+def test_a_body_that_is_fast_at_first_does_not_slip():
+    """It falls by more in the first rows than it moves in all that follow."""
+    times = 0.01 * np.arange(30)
+    depth = -0.02 * np.minimum(times / 0.02, 1) - 1e-3 * np.sin(40 * times)
+    places = np.zeros((30, 3, 3)) + np.array([0.0, 0.01, 0.02])[None, :, None] + depth[:, None, None] * [0, 0, 1]
+    places += 2e-5 * np.random.default_rng(0).normal(size=places.shape)
+    found = repaired(Recording(times, places, ("a", "b", "c")))
+    assert found.seen.all() and not found.notes
+
+
 def test_blows_are_no_outliers():
     t = np.arange(200) * 0.01
     for noise in (0.0, 1e-4):

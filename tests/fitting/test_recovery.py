@@ -60,7 +60,7 @@ def errors(result):
 def test_exact_data_give_exact_values_from_far_off(beam, start):
     result = beam.fit(beam.recording(), start)
     assert max(errors(result).values()) < 1e-5
-    assert result.status == "converged" and result.noise < 1e-9
+    assert result.status == "converged" and result.noise < 1e-9 and result.iterations <= 12
     assert float(result.params.young) == pytest.approx(result.values["young"])
     assert any("omega dt / 2" in text for text in result.warnings)  # the step damps five times more than the material
 

@@ -1,5 +1,8 @@
 """Fine surfaces in coarse bodies: carried exactly, written as frames of their own, used for contact."""
 
+import importlib.util
+import xml.etree.ElementTree as ET
+
 import numpy as np
 import pytest
 
@@ -47,6 +50,26 @@ def test_frames_hold_surface_and_cage(tmp_path):
     np.testing.assert_allclose(part.points, SPHERE.points, atol=1e-7)
     np.testing.assert_allclose(part.nodal["velocity"], np.tile([1.0, 0, 0], (len(part.points), 1)), atol=1e-6)
     assert len(part.cells) == len(SPHERE.surface) and "run_00000_surface" in (tmp_path / "run.pvd").read_text()
+
+
+@pytest.mark.skipif(importlib.util.find_spec("vtkmodules") is None, reason="needs vtk, which ParaView is made of")
+@pytest.mark.filterwarnings("ignore::jaxfem.MeshWarning")
+def test_vtks_reader_opens_surface_and_cage(tmp_path):
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    body = caged()
+    scene = jf.Scene([body], gravity=(0, 0, 0))
+    model, params, state = jf.build(scene)
+    with FrameWriter(tmp_path, "run", model, params, scene=scene) as writer:
+        writer.write(state)
+    wanted = {"bodies": body.mesh.cells.shape[0], "surface": len(SPHERE.surface)}
+    for entry in ET.parse(tmp_path / "run.pvd").getroot().iter("DataSet"):
+        reader = vtkXMLUnstructuredGridReader()
+        reader.SetFileName(str(tmp_path / entry.attrib["file"]))
+        reader.Update()
+        assert reader.GetErrorCode() == 0
+        assert reader.GetOutput().GetNumberOfCells() == wanted.pop(entry.attrib["name"])
+    assert not wanted
 
 
 def test_points_outside_are_warned_of():

@@ -50,11 +50,11 @@ def test_derivatives_and_lanes():
         end, _ = jf.rollout(model, params.replace(**values), state, DT, 4)
         return 1e3 * end.positions[-1, -1, 2]
 
-    check(tip, (1.0, 0.3, 1.0, 2e-3, 1.5))
-    lanes = jnp.array([0.8, 1.3])
-    others = (0.3, 1.0, 2e-3, 1.5)
-    both = jax.jit(jax.vmap(lambda scale: tip(scale, *others)))(lanes)
-    np.testing.assert_allclose(both, [tip(each, *others) for each in lanes], rtol=1e-12)
+    values = (1.0, 0.3, 1.0, 2e-3, 1.5)
+    check(tip, values)
+    lanes = [each * np.array(values) for each in (0.8, 1.3)]
+    both = jax.jit(jax.vmap(tip))(*np.stack(lanes, 1))
+    np.testing.assert_allclose(both, [tip(*each) for each in lanes], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

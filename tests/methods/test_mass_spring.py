@@ -99,9 +99,9 @@ def test_single_precision():
     np.testing.assert_allclose(single.positions, double.positions, atol=1e-6)
 
 
-@pytest.mark.parametrize("integration", ["implicit", "explicit"])
-def test_derivatives_and_lanes(integration):
-    model, params, state = built(MassSpring(integration))
+@pytest.mark.parametrize("method", [MassSpring("implicit"), MassSpring("explicit", "lloyd")])
+def test_derivatives_and_lanes(method):
+    model, params, state = built(method)
     state = jf.rollout(model, params, state, 2e-4, 10)[0]
     state = jax.tree.map(lambda leaf: leaf[-1], state)  # no spring at its rest length, where derivatives are one-sided
 
@@ -109,10 +109,11 @@ def test_derivatives_and_lanes(integration):
         values = dict(young=young * 6e4, density=density * 1070, damping=damping, mass_damping=alpha)
         return 10 * jf.rollout(model, params.replace(**values), state, 2e-4, 10)[0].velocities[-1, -1, 2]
 
-    check(tip, (1.0, 1.0, 2e-3, 1.0))
-    lanes, others = jnp.array([0.8, 1.3]), (1.0, 2e-3, 1.0)
-    both = jax.jit(jax.vmap(lambda scale: tip(scale, *others)))(lanes)
-    np.testing.assert_allclose(both, [tip(each, *others) for each in lanes], rtol=1e-12)
+    values = (1.0, 1.0, 2e-3, 1.0)
+    check(tip, values)
+    lanes = [each * np.array(values) for each in (0.8, 1.3)]
+    both = jax.jit(jax.vmap(tip))(*np.stack(lanes, 1))
+    np.testing.assert_allclose(both, [tip(*each) for each in lanes], rtol=1e-12)
 
 
 @pytest.mark.parametrize(

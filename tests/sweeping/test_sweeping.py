@@ -1,5 +1,6 @@
 """jf.sweep: each variant is what a rollout of its own gives, and has a status of its own."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -91,6 +92,31 @@ def test_a_change_of_the_users_own(scene):
     np.testing.assert_allclose(result["f"][1], 2 * result["f"][0], rtol=1e-6)
 
 
+@pytest.mark.slow
+def test_derivatives_are_those_of_a_rollout(scene):
+    """Of an output by `jax.grad` and `jax.jvp` of one's own rollout, forwards and backwards."""
+    model, params, state = scene
+
+    def height(young, gravity, velocities):
+        own, start = params.replace(young=young, gravity=gravity), state.replace(velocities=velocities)
+        return jf.rollout(model, own, start, DT, 5)[0].positions[-1, -1, 2]
+
+    moving = 0.1 * np.asarray(model.free)[:, None] * np.ones((2, 1, 3))
+    variants = {"young": np.array([1e5, 3e5]), "gravity": np.array([[0, 0, -9.81], [1, 0, -5]])}
+    variants["state.velocities"] = moving
+    kept = {"tip": lambda run: run.last.positions[-1, 2], "all": lambda run: run.last.positions}
+    options = {"dt": DT, "steps": 5, "every": 5, "engine": "loop"}
+    for outputs in (kept, {"tip": kept["tip"]}):  # forwards, then backwards
+        names = ["gravity", "state.velocities"]
+        result = jf.sweep(*scene, variants, outputs=outputs, derivatives=names, **options)
+        for lane in range(2):
+            want = jax.grad(height, (1, 2))(*(jnp.asarray(each[lane]) for each in variants.values()))
+            for name, each in zip(names, want, strict=True):
+                found = result.derivative("tip", name)[lane]
+                np.testing.assert_allclose(found, each, rtol=1e-6, atol=1e-9 * np.abs(each).max())
+    assert result.derivative("tip", "state.velocities").shape == (2, *state.velocities.shape)
+
+
 def test_samples():
     grid = sweeping.grid({"a": [1, 2], "b": [3, 4, 5]})
     assert grid["a"].tolist() == [1, 1, 1, 2, 2, 2] and grid["b"].tolist() == [3, 4, 5] * 2
@@ -125,6 +151,8 @@ def test_tables_keep_every_bit(tmp_path):
         ({"outputs": {"tip": "point"}}, "needs more than its word"),
         ({"outputs": {"tip": PointPath((9, 9, 9))}}, "outside the bodies"),
         ({"outputs": {"force": "contact_forces"}}, "no contacts"),
+        ({"derivatives": ["poisson"]}, "give names of variables of this sweep: young"),
+        ({"derivatives": ["young"], "outputs": {"n": lambda run: run.infos.iterations}}, "floating-point"),
         ({"engine": "fast"}, "known are auto, "),
         ({"width": 0}, "whole number of at least 1"),
     ],

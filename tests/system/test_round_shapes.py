@@ -147,7 +147,6 @@ def test_bodies_rest_on_what_they_lie_across(dtype):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="some steps of the landing reach the limit of rounds, and say so", strict=False)
 def test_a_tilted_cylinder_falls_on_its_end_and_stands():
     a = 0.05
     body = jf.RigidBody(
@@ -164,14 +163,7 @@ def test_a_tilted_cylinder_falls_on_its_end_and_stands():
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "shape",
-    [
-        pytest.param(jf.Capsule(0.1, 0.6), id="sides"),
-        pytest.param(
-            jf.Cylinder(0.1, 0.6),
-            id="rims",
-            marks=pytest.mark.xfail(reason="a derivative of a rim that strikes is lost (zero or not finite)"),
-        ),
-    ],
+    [pytest.param(jf.Capsule(0.1, 0.6), id="sides"), pytest.param(jf.Cylinder(0.1, 0.6), id="rims")],
 )
 def test_derivative_of_an_impact_of_round_bodies(shape):
     """The capsule strikes across another one; the cylinder's rim strikes a face."""
@@ -191,7 +183,7 @@ def test_derivative_of_an_impact_of_round_bodies(shape):
         rigid = state.rigid.replace(
             orientations=state.rigid.orientations.at[0].set(turn / np.linalg.norm(turn)),
             velocities=state.rigid.velocities.at[0].set(jnp.array([0.2, 0.1, -2.0]) * speed),
-            positions=state.rigid.positions.at[0, 2].set((0.22 if pill else 0.33) * height),
+            positions=state.rigid.positions.at[0, 2].set((0.22 if pill else 0.235) * height),
         )
         contacts = {
             name: values.replace(friction=friction * values.friction) for name, values in params.contacts.items()

@@ -10,18 +10,10 @@ import jax.numpy as jnp
 from jaxfem.materials.constants import Constant
 from jaxfem.methods.base import Facts, Method, Solved
 from jaxfem.methods.ending import ended
+from jaxfem.methods.groupwise.binding import bound_solution
+from jaxfem.methods.groupwise.matrices import eliminated, group_inverses
 from jaxfem.methods.groupwise.plan import Groups, element_groups, group_plan
-from jaxfem.methods.groupwise.solve import (
-    CopiesCondition,
-    ExactCondition,
-    Inverses,
-    Prepared,
-    coefficient_limit,
-    differing,
-    group_inverses,
-    nodes_of,
-    shared_of,
-)
+from jaxfem.methods.groupwise.solve import ExactCondition, Prepared
 from jaxfem.methods.groupwise.system import group_system
 from jaxfem.methods.node_blocks import check_linear, refuses_but_plain
 from jaxfem.model import Model, Params, State, StepInfo
@@ -54,7 +46,7 @@ class GroupMemory(Pytree):
 class Groupwise(Method):
     """Bodies cut into `groups` each, or into groups of at most `size` elements, with one rotation a group.
 
-    `binding`: "exact", one multiplier a shared copy; or k [N/m] of (12), then `rounds` of it a step, `params.binding`
+    `binding`: "exact", one velocity a node; or k [N/m] of (12), then `rounds` of it a step, `params.binding`
     from then on: what is above the stability limit is lowered to it where `enforce`, else has a status; `info.residual`
     is then how far copies of a node are apart, as a share of their velocities.
     """
@@ -85,11 +77,11 @@ class Groupwise(Method):
         check_linear(model)
         return group_plan(model, element_groups(model, self.groups, self.size))
 
-    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Inverses:
-        """Inverses of the groups' matrices for `dt`, and the limit of the binding coefficient."""
+    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
+        """The groups' matrices for `dt`, inverted: whole, with the limit of the binding coefficient, or in parts."""
         held = jax.lax.stop_gradient((model, params, state, dt))
-        made = group_inverses(group_system(*held, None), held[0], held[3])
-        return made if self.binding == "exact" else made.replace(limit=coefficient_limit(model.plan, made, held[3]))
+        system = group_system(*held, None)
+        return eliminated(system, held[0]) if self.binding == "exact" else group_inverses(system, held[0], held[3])
 
     def start(self, model: Model, params: Params, state: State) -> GroupMemory:
         """No gap."""
@@ -101,50 +93,22 @@ class Groupwise(Method):
         """One step, the groups tied in whichever way."""
         given = Prepared(group_system(model, params, state, dt, forces), cache)
         if self.binding == "exact":
-            unknown, (info, gap) = implicit_solution(ExactCondition(), given, state.velocities)
-            velocities = given.system.merged(unknown)
+            unknown, info = implicit_solution(ExactCondition(), given, state.velocities)
+            velocities, gap = given.system.merged(unknown), jnp.zeros((), model.rest.dtype)
         else:
             velocities, info, gap = self._bound(given, params.constants[BINDING.name], dt)
         following, told = ended(model, params, state, dt, Solved(velocities, None, info), forces=forces)
         return following.replace(memory=GroupMemory(jax.lax.stop_gradient(dt * gap))), told
 
     def _bound(self, given: Prepared, coefficient: Array, dt: Array) -> tuple[Array, SolveInfo, Array]:
-        """Velocities (n, 3), info and gap [m/s] after the rounds of (11), (12), from no binding force."""
-        system, limit = given.system, given.inverses.limit_at(dt)
+        """Velocities (n, 3), info and gap [m/s] after the rounds, with what is above the limit lowered or told."""
+        limit = given.matrices.limit_at(dt)
         used = jnp.minimum(coefficient, SAFE * limit) if self.enforce else coefficient
-        force = jnp.zeros((*system.groups.shared.shape, 3), system.right.dtype)
-        push = dt * jnp.append(system.groups.copies, 1)[system.groups.owner][:, :, None] * used
-
-        def round_(force: Array, _: None) -> tuple[Array, SolveInfo]:
-            copies, info = _separate(given, dt * force)
-            # (12) with its sign turned: as printed it drives the copies apart. Times p (mean - x_j) = sum (x_l - x_j).
-            return force - push * differing(system.groups, shared_of(system.groups, copies)), info
-
-        force, infos = jax.lax.scan(round_, force, None, length=self.rounds - 1)
-        copies, info = _separate(given, dt * force)
-        apart = differing(system.groups, shared_of(system.groups, copies))
-        gap = jnp.max(jnp.abs(apart), initial=0.0)
-        worst = jnp.maximum(jnp.max(infos.status, initial=0), info.status)
-        above = coefficient > limit
-        status = worst if self.enforce else jnp.where(above, caused(Status.INVALID_VALUE, UNSTABLE), worst)
-        size = jnp.linalg.norm(copies)
-        share = jax.lax.stop_gradient(jnp.linalg.norm(apart) / jnp.where(size > 0, size, 1))
-        told = SolveInfo(
-            jnp.asarray(status, jnp.int32), jnp.sum(infos.iterations) + info.iterations, share, jnp.int32(0)
-        )
-        return system.merged(nodes_of(system, copies)), told, gap
-
-
-def _separate(given: Prepared, pushes: Array) -> tuple[Array, SolveInfo]:
-    """Velocities of the copies (G, N, 3), each group by itself, with impulses (G, S, 3) on shared copies."""
-    system, groups = given.system, given.system.groups
-    moves = groups.free[:, :, None]
-    held = jnp.where(moves, 0, system.spread(system.prescribed)) * (system.share > 0)[:, :, None]
-    number = jnp.arange(groups.count)[:, None]
-    right = system.right.at[number, groups.shared].add(pushes * groups.real[:, :, None])
-    right = jnp.where(moves, right - system.product(held), 0)
-    found, info = implicit_solution(CopiesCondition(), (given, right), jnp.zeros_like(right))
-    return jnp.where(moves, found, held), info
+        velocities, info, gap = bound_solution(given, used, self.rounds, dt)
+        if not self.enforce:
+            status = jnp.where(coefficient > limit, caused(Status.INVALID_VALUE, UNSTABLE), info.status)
+            info = info.replace(status=status.astype(jnp.int32))
+        return velocities, info, gap
 
 
 def binding_limit(model: Model, params: Params, state: State, dt: Any) -> Array:
@@ -153,13 +117,13 @@ def binding_limit(model: Model, params: Params, state: State, dt: Any) -> Array:
     Below it it converges: the limit is 2 over p dt^2 times the largest eigenvalue of the groups' S A^-1 S', p the
     copies of a node at most, which no rotation of the groups changes.
     """
-    step = jnp.asarray(dt, model.rest.dtype)
-
-    def limit(*given: Any) -> Array:
-        return coefficient_limit(model.plan, model.method.prepare(*given), step)
-
-    found: Array = jax.jit(limit)(model, params, state, step)
+    found: Array = _limit(model, params, state, jnp.asarray(dt, model.rest.dtype))
     return found
+
+
+@jax.jit
+def _limit(model: Model, params: Params, state: State, dt: Array) -> Array:
+    return group_inverses(group_system(model, params, state, dt, None), model, dt).limit
 
 
 def interface_gap(state: State) -> Array:

@@ -18,9 +18,10 @@ class Groups(Pytree):
     `nodes` (G, N): of the scene, the first again on padding; `slots` (E, 4): where the copies of an element's corners
     stand among the G N; `element` (E,): group of each element. `shared` (G, S): which of a group's copies others have
     too; `real` (G, S) false on padding; `owner` (G, S): number of the node among the H that are shared, H on padding;
-    `copies` (H,): how many copies it has; `first`, `other` (m,): a node's first copy and each other one, among the G S,
-    in pairs. Only nodes that move are shared. `free` (G, N): which copies move, false on
-    padding.
+    `met` (H,): those nodes of the scene; `copies` (H,): how many copies each has; `home` (H,): a group that has one.
+    `inner` (G, I): which of a group's copies are its own alone; `within` (G, I) false on padding; `place` (n,): where a
+    node stands among the G I inner ones and the H shared, G I + H where it does not move. Only nodes that move are
+    inner or shared. `free` (G, N): which copies move, false on padding.
     """
 
     nodes: Array
@@ -29,9 +30,12 @@ class Groups(Pytree):
     shared: Array
     real: Array
     owner: Array
+    met: Array
     copies: Array
-    first: Array
-    other: Array
+    home: Array
+    inner: Array
+    within: Array
+    place: Array
     free: Array
 
     @property
@@ -65,33 +69,42 @@ def group_plan(model: Model, label: np.ndarray) -> Groups:
     count, points = int(label.max()) + 1, model.nodes
     pairs = np.unique(np.repeat(label, 4) * points + cells.ravel())
     group, node = pairs // points, pairs % points
+    nodes, real = _padded(group, node, count)
     rank = np.arange(len(pairs)) - np.searchsorted(group, np.arange(count))[group]
-    width = int(rank.max()) + 1
-    nodes = np.repeat(node[np.searchsorted(group, np.arange(count))][:, None], width, 1)
-    moves = np.zeros((count, width), bool)
-    nodes[group, rank], moves[group, rank] = node, free[node]
-    place = np.searchsorted(pairs, label[:, None] * points + cells)
-    meets = np.flatnonzero((np.bincount(node, minlength=points) > 1) & free)
-    chosen = np.isin(node, meets)
-    own, its, at = group[chosen], node[chosen], rank[chosen]
-    order = np.arange(len(own)) - np.searchsorted(own, np.arange(count))[own] if len(own) else own
-    most = int(order.max(initial=-1)) + 1
-    shared, real = np.zeros((count, most), np.int64), np.zeros((count, most), bool)
-    owner = np.full((count, most), len(meets))
-    shared[own, order], real[own, order], owner[own, order] = at, True, np.searchsorted(meets, its)
-    number, flat = np.searchsorted(meets, its), own * most + order
-    sort = np.argsort(number, kind="stable")
-    starts = np.searchsorted(number[sort], np.arange(len(meets)))
-    others = np.delete(sort, starts)
+    nodes = np.where(real, nodes, nodes[:, :1])
+    moves = real & free[nodes]
+    slot = np.searchsorted(pairs, label[:, None] * points + cells)
+    copies = np.bincount(node, minlength=points)
+    met = np.flatnonzero((copies > 1) & free)
+    meets = np.isin(node, met)
+    shared, is_shared = _padded(group[meets], rank[meets], count)
+    owner = np.searchsorted(met, np.take_along_axis(nodes, shared, 1))
+    alone = ~meets & free[node]
+    inner, within = _padded(group[alone], rank[alone], count)
+    place = np.full(points, inner.size + len(met))
+    place[np.take_along_axis(nodes, inner, 1)[within]] = np.flatnonzero(within)
+    place[met] = inner.size + np.arange(len(met))
     return Groups(
         nodes=on_device(nodes, jnp.int32),
-        slots=on_device((group * width + rank)[place], jnp.int32),
+        slots=on_device((group * nodes.shape[1] + rank)[slot], jnp.int32),
         element=on_device(label, jnp.int32),
         shared=on_device(shared, jnp.int32),
-        real=jnp.asarray(real),
-        owner=on_device(owner, jnp.int32),
-        copies=on_device(np.bincount(node, minlength=points)[meets], jnp.int32),
-        first=on_device(flat[sort[starts]][number[others]], jnp.int32),
-        other=on_device(flat[others], jnp.int32),
+        real=jnp.asarray(is_shared),
+        owner=on_device(np.where(is_shared, owner, len(met)), jnp.int32),
+        met=on_device(met, jnp.int32),
+        copies=on_device(copies[met], jnp.int32),
+        home=on_device(group[meets][np.unique(node[meets], return_index=True)[1]], jnp.int32),
+        inner=on_device(inner, jnp.int32),
+        within=jnp.asarray(within),
+        place=on_device(place, jnp.int32),
         free=jnp.asarray(moves),
     )
+
+
+def _padded(group: np.ndarray, values: np.ndarray, count: int) -> tuple[np.ndarray, np.ndarray]:
+    """Values (k,) of groups (k,), in order, as (count, most), zero on padding, and which of these are real."""
+    rank = np.arange(len(group)) - np.searchsorted(group, np.arange(count))[group] if len(group) else group
+    shape = count, int(rank.max(initial=-1)) + 1
+    table, real = np.zeros(shape, np.int64), np.zeros(shape, bool)
+    table[group, rank], real[group, rank] = values, True
+    return table, real

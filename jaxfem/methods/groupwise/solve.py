@@ -1,209 +1,160 @@
-"""Groups solved by their constant matrices, inverted once, and tied by one multiplier a shared copy (FETI).
+"""Groups whose copies of a node are one: inner nodes eliminated group by group, the shared ones solved for together.
 
-    A v + S' B' l = r,   B S v = 0:   B W B' l = B S A^-1 r,   W = S A^-1 S'
-with S the shared copies, and B what a node's copies differ by from its first one. Farhat & Roux 1991. Groups turned
-alike turn B W B' along: its inverse at rest, turned with the groups, is the preconditioner of the multipliers' solve.
- Inverses belong to the time step and constants that they were made for; where those have changed
-since, conjugate gradients on the nodes take this for a preconditioner, and find the step's solution all the same.
+With a group's nodes split into its own (i) and those it shares (s), and its matrices in its own frame (`Eliminated`),
+    sum_j R_j S_j R_j' v_s = r_s - sum_j R_j X_j' R_j' r_i,      v_i = R_j (A_ii^-1 R_j' r_i - X_j R_j' v_s).
+Only the small system of the shared nodes changes from step to step, with the groups' rotations. Conjugate gradients
+solve it; their preconditioner is its inverse at rest, turned with the groups: where groups turn alike it is exact.
+The matrices belong to the time step and constants that they were made for; where those have changed since, conjugate
+gradients on all nodes take this for a preconditioner, and find the step's solution all the same.
 """
 
 import dataclasses
+from collections.abc import Callable
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 
-from jaxfem.batching import lanes_in_turn
-from jaxfem.methods.assembled import stiffness_blocks
+from jaxfem.batching import cond_any, lanes_in_turn
+from jaxfem.methods.groupwise.matrices import Eliminated
 from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.groupwise.system import GroupSystem
 from jaxfem.methods.node_blocks import EXACT
-from jaxfem.model import Model
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
 
 Array = jax.Array
-
-
-class Inverses(Pytree):
-    """A^-1 of each group in its own frame, (G, 3 N, 3 N), its `columns` (G, 3 N, 3 S) of shared copies and W
-    `interface` (G, 3 S, 3 S); (B W B')^-1 at rest, `tied` (3 m, 3 m); `limit` () [N/m] of the binding coefficient for
-    steps of `dt` () [s]."""
-
-    whole: Array
-    columns: Array
-    interface: Array
-    tied: Array
-    limit: Array
-    dt: Array
-
-    def limit_at(self, dt: Array) -> Array:
-        """The limit for steps of another length: less for longer ones, as if masses alone resisted."""
-        return self.limit * jnp.minimum(1, (self.dt / dt) ** 2)
+SHARE = 0.5
+"""Of the residual that ends a step: what the shared nodes' solve may leave."""
 
 
 class Prepared(Pytree):
-    """A step's equations beside the inverses."""
+    """A step's equations beside the matrices that serve them."""
 
     system: GroupSystem
-    inverses: Inverses
+    matrices: Any
 
 
-@lanes_in_turn
-def group_inverses(system: GroupSystem, model: Model, dt: Array) -> Inverses:
-    """Inverses for a step of `dt`, without the limit of the binding coefficient."""
-    groups = system.groups
-    count, width = groups.nodes.shape
-    scale = model.elements.replace(volumes=system.stiff)
-    blocks = stiffness_blocks(scale, model.elements.gradients.transpose(2, 0, 1), system.lam, system.shear)
-    at = groups.slots % width
-    dense = jnp.zeros((count, width, width, 3, 3), blocks.dtype)
-    dense = dense.at[groups.element[:, None, None], at[:, :, None], at[:, None, :]].add(blocks)
-    moves = groups.free[:, :, None, None, None] & groups.free[:, None, :, None, None]
-    own = jnp.where(groups.free, system.inertia, 1)[:, :, None, None, None] * jnp.eye(3, dtype=blocks.dtype)
-    dense = jnp.where(moves, dense, 0) + jnp.eye(width, dtype=blocks.dtype)[:, :, None, None] * own
-    matrix = dense.transpose(0, 1, 3, 2, 4).reshape(count, 3 * width, 3 * width)
-    whole = jnp.linalg.inv(matrix)
-    inside = whole.reshape(count, 3 * width, width, 3)
-    columns = jnp.take_along_axis(inside, groups.shared[:, None, :, None], 2) * groups.real[:, None, :, None]
-    most = groups.shared.shape[1]
-    columns = columns.reshape(count, width, 3, 3 * most)
-    rows = jnp.take_along_axis(columns, groups.shared[:, :, None, None], 1) * groups.real[:, :, None, None]
-    interface = rows.reshape(count, 3 * most, 3 * most)
-    tied = jnp.linalg.inv(_pair_matrix(groups, interface)) if groups.tied else jnp.zeros((0, 0), whole.dtype)
-    columns = columns.reshape(count, 3 * width, 3 * most)
-    return Inverses(whole, columns, interface, tied, jnp.asarray(jnp.inf, whole.dtype), dt)
-
-
-def _pair_matrix(groups: Groups, interface: Array) -> Array:
-    """B W B' with the groups as at rest, (3 m, 3 m)."""
-    most = groups.shared.shape[1]
-    blocks = interface.reshape(groups.count, most, 3, most, 3)
-
-    def between(one: Array, two: Array) -> Array:
-        found = blocks[(one // most)[:, None], (one % most)[:, None], :, (two % most)[None], :]
-        return jnp.where(((one // most)[:, None] == (two // most)[None])[:, :, None, None], found, 0)
-
-    first, other = groups.first, groups.other
-    total = between(first, first) + between(other, other) - between(first, other) - between(other, first)
-    return total.transpose(0, 2, 1, 3).reshape(3 * len(first), 3 * len(first))
-
-
-def coefficient_limit(groups: Groups, inverses: Inverses, dt: Array) -> Array:
-    """Stability limit of k, () [N/m]: 2 / (p dt^2 |W|), p copies a node at most; no rotation of a group changes |W|."""
-    if not groups.tied:
-        return inverses.limit
-    interface = inverses.interface
-    largest = jnp.max(jnp.linalg.eigvalsh(0.5 * (interface + interface.swapaxes(1, 2))))
-    found: Array = 2 / (jnp.max(groups.copies) * dt**2 * largest)
-    return found
-
-
-def _turned(rotation: Array, field: Array) -> Array:
+def turned(rotation: Array, field: Array) -> Array:
+    """R of each group times its (G, k, 3)."""
     return jnp.einsum("gij,gnj->gni", rotation, field, precision=EXACT)
 
 
-def _applied(rotation: Array, matrix: Array, field: Array) -> Array:
-    """R times `matrix` (G, 3 N, 3 K) times R' `field` (G, K, 3): (G, N, 3)."""
-    inner = _turned(rotation.swapaxes(1, 2), field).reshape(len(field), -1)
-    outer = jnp.einsum("gij,gj->gi", matrix, inner, precision=EXACT)
-    return _turned(rotation, outer.reshape(len(field), -1, 3))
+def times_flat(matrix: Array, field: Array) -> Array:
+    """Matrices (G, 3 r, 3 c) times (G, c, 3): (G, r, 3)."""
+    found = jnp.einsum("gij,gj->gi", matrix, field.reshape(len(field), -1), precision=EXACT)
+    return found.reshape(len(field), -1, 3)
 
 
-def differing(groups: Groups, shared: Array) -> Array:
-    """Q: what shared copies (G, S, 3) differ by from their nodes' means."""
-    held = shared * groups.real[:, :, None]
-    sums = jnp.zeros((groups.copies.shape[0] + 1, 3), shared.dtype).at[groups.owner].add(held)
-    mean = sums / jnp.append(groups.copies, 1)[:, None]
-    return (held - mean[groups.owner]) * groups.real[:, :, None]
+def condensed_solution(given: Prepared, right: Array, target: Array | None) -> tuple[Array, Array]:
+    """Velocities (n, 3) for a nodal right-hand side (n, 3), by the equations above, and iterations taken.
 
-
-def _gaps(groups: Groups, shared: Array) -> Array:
-    """B: from each node's first copy to its others, (m, 3), of shared copies (G, S, 3)."""
-    flat = shared.reshape(-1, 3)
-    return flat[groups.other] - flat[groups.first]
-
-
-def _pushes(groups: Groups, pairs: Array) -> Array:
-    """B' of (m, 3): on shared copies, (G, S, 3)."""
-    flat = jnp.zeros((groups.shared.size, 3), pairs.dtype).at[groups.other].add(pairs).at[groups.first].add(-pairs)
-    return flat.reshape(*groups.shared.shape, 3)
-
-
-def shared_of(groups: Groups, field: Array) -> Array:
-    """Shared copies (G, S, 3) of a field (G, N, 3)."""
-    return jnp.take_along_axis(field, groups.shared[:, :, None], 1) * groups.real[:, :, None]
-
-
-def tied_solution(given: Prepared, right: Array) -> tuple[Array, Array]:
-    """Copies (G, N, 3) with A v = right but for the forces that make copies of a node one; and their gaps (G, S, 3)."""
-    system, inverses = given.system, given.inverses
-    groups, rotation = system.groups, system.rotation
-    found = _applied(rotation, inverses.whole, right * groups.free[:, :, None])
+    The shared nodes' residual is brought to `target`; None: by one product with their inverse at rest, which makes all
+    of it one symmetric operator.
+    """
+    system, matrices = given.system, given.matrices
+    groups, forth = system.groups, system.rotation
+    back = forth.swapaxes(1, 2)
+    own = turned(back, right[jnp.take_along_axis(groups.nodes, groups.inner, 1)] * groups.within[:, :, None])
+    alone = times_flat(matrices.inner, own)
     if not groups.tied:
-        return found, jnp.zeros((groups.count, 0, 3), right.dtype)
-    own = rotation[groups.first // groups.shared.shape[1]]
-
-    def tied(pairs: Array) -> Array:
-        return _gaps(groups, _applied(rotation, inverses.interface, _pushes(groups, pairs)))
-
-    def nearly(pairs: Array) -> Array:
-        inner = jnp.einsum("mji,mj->mi", own, pairs, precision=EXACT).reshape(-1)
-        outer = jnp.einsum("ij,j->i", inverses.tied, inner, precision=EXACT).reshape(-1, 3)
-        return jnp.einsum("mij,mj->mi", own, outer, precision=EXACT)
-
-    digits = 1e-11 if right.dtype.itemsize > 4 else 1e-6
-    apart = _gaps(groups, shared_of(groups, found))
-    multipliers, _ = pcg(tied, apart, nearly, tol=digits, max_iterations=system.max_iterations)
-    found = found - _applied(rotation, inverses.columns, _pushes(groups, multipliers))
-    return found, differing(groups, shared_of(groups, found))
+        return _on_nodes(groups, turned(forth, alone), right[groups.met]), jnp.int32(0)
+    left = right[groups.met] - _summed(groups, turned(forth, times_flat(matrices.seen, own)))
+    nearly = _turned_inverse(groups, matrices, forth)
+    if target is None:
+        met, count = nearly(left), jnp.int32(0)
+    else:
+        product = _interface(groups, matrices, forth, back)
+        met, info = pcg(product, left, nearly, tol=0.0, absolute=target, max_iterations=system.max_iterations)
+        count = info.iterations
+    pulled = times_flat(matrices.reach, turned(back, _copied(groups, met)))
+    return _on_nodes(groups, turned(forth, alone - pulled), met), count
 
 
-def nodes_of(system: GroupSystem, copies: Array) -> Array:
-    """Means (n, 3) of the copies, by their masses."""
-    return system.gathered(system.share[:, :, None] * copies)
+def _interface(groups: Groups, matrices: Eliminated, forth: Array, back: Array) -> Callable[[Array], Array]:
+    def product(met: Array) -> Array:
+        return _summed(groups, turned(forth, times_flat(matrices.schur, turned(back, _copied(groups, met)))))
+
+    return product
 
 
-def _refined(given: Prepared, right: Array, absolute: Array) -> tuple[Array, SolveInfo]:
-    """A^-1 of a nodal right-hand side (n, 3)."""
+def _turned_inverse(groups: Groups, matrices: Eliminated, forth: Array) -> Callable[[Array], Array]:
+    frame = forth[groups.home]
+
+    def nearly(left: Array) -> Array:
+        # Scaled, so that what is small in double precision does not vanish in single.
+        size = jnp.max(jnp.abs(left))
+        unit = left / jnp.where(size > 0, size, 1)
+        inner = jnp.einsum("mji,mj->mi", frame, unit, precision=EXACT).reshape(-1)
+        single = jnp.einsum("ij,j->i", matrices.tied, inner.astype(matrices.tied.dtype), precision=EXACT)
+        return size * jnp.einsum("mij,mj->mi", frame, single.astype(left.dtype).reshape(-1, 3), precision=EXACT)
+
+    return nearly
+
+
+def _copied(groups: Groups, met: Array) -> Array:
+    """A field of the shared nodes (H, 3) on their copies (G, S, 3)."""
+    return met[groups.owner] * groups.real[:, :, None]  # beyond the last one: the last, times zero
+
+
+def _summed(groups: Groups, shared: Array) -> Array:
+    """Sums (H, 3) of shared copies (G, S, 3)."""
+    return jnp.zeros((len(groups.copies) + 1, 3), shared.dtype).at[groups.owner].add(shared)[:-1]
+
+
+def _on_nodes(groups: Groups, inner: Array, met: Array) -> Array:
+    """(n, 3) of inner nodes (G, I, 3) and shared ones (H, 3); zero where nothing moves."""
+    every = jnp.concatenate([inner.reshape(-1, 3), met, jnp.zeros((1, 3), met.dtype)])
+    return every[groups.place]
+
+
+def _solved(given: Prepared, right: Array, target: Array) -> tuple[Array, SolveInfo]:
+    """A^-1 of a nodal right-hand side (n, 3) of the free nodes, to a residual of `target`."""
+    system = given.system
+    first, count = condensed_solution(given, right, SHARE * target)
+    rest = right - jnp.where(system.free, system.product(first), 0)
+    left, size = jnp.linalg.norm(rest), jnp.linalg.norm(right)
+    # A branch: a loop would have the matrices copied also where it has nothing to do.
+    none = jnp.int32(0)
+    good = SolveInfo(none, none, left, none)
+    more, info = cond_any(~(left <= target), _refined, lambda *_: (jnp.zeros_like(rest), good), given, rest, target)
+    relative = info.residual / jnp.where(size > 0, size, 1)
+    return first + more, info.replace(iterations=info.iterations + count, residual=relative)
+
+
+def _refined(given: Prepared, rest: Array, target: Array) -> tuple[Array, SolveInfo]:
+    """What matrices that are out of date left (n, 3), by conjugate gradients on all nodes; `info.residual` [N s]."""
     system = given.system
 
     def product(vector: Array) -> Array:
-        moving = jnp.where(system.free, vector, 0)
-        pulled = system.gathered(system.product(system.spread(moving) * (system.share > 0)[:, :, None]))
-        return jnp.where(system.free, pulled, vector)
+        return jnp.where(system.free, system.product(vector), vector)
 
     def nearly(residual: Array) -> Array:
-        split = system.share[:, :, None] * system.spread(residual)
-        moved = nodes_of(system, tied_solution(given, split)[0])
-        return jnp.where(system.free, moved, residual)
+        return jnp.where(system.free, condensed_solution(given, residual, None)[0], residual)
 
-    return pcg(product, right, nearly, tol=system.tolerance, max_iterations=system.max_iterations, absolute=absolute)
+    more, info = pcg(product, rest, nearly, tol=0.0, absolute=target, max_iterations=system.max_iterations)
+    return jnp.where(system.free, more, 0), info.replace(residual=info.residual * jnp.linalg.norm(rest))
 
 
 @lanes_in_turn
-def _exact(given: Prepared, guess: Array) -> tuple[Array, tuple[SolveInfo, Array]]:
+def _step_solution(given: Prepared, guess: Array) -> tuple[Array, SolveInfo]:
     system = given.system
     guess = jnp.where(system.free, guess, 0)
-    start = system.spread(system.merged(guess)) * (system.share > 0)[:, :, None]
-    left = system.right - system.product(start)
-    copies, gap = tied_solution(given, left)
-    near = guess + jnp.where(system.free, nodes_of(system, copies), 0)
-    # The step's own tolerance is of what the guess leaves, so that steps at rest end at rounding.
-    size = jnp.linalg.norm(jnp.where(system.free, system.gathered(left), 0))
-    target = jnp.maximum(system.tolerance * size, system.floor)
-    rest = -system.gradient(near)
-    increment, info = _refined(given, rest, target)
-    share = jnp.linalg.norm(rest) / jnp.where(size > 0, size, 1)  # residuals are told relative to what was to be done
-    info = info.replace(residual=info.residual * share)
-    return near + jnp.where(system.free, increment, 0), (info, jnp.max(jnp.abs(gap), initial=0.0))
+    # The tolerance is of what the guess leaves, so that steps at rest end at rounding.
+    right = -jnp.where(system.free, system.gradient(guess), 0)
+    target = jnp.maximum(system.tolerance * jnp.linalg.norm(right), system.floor)
+    increment, info = _solved(given, right, target)
+    return guess + increment, info
 
 
 @lanes_in_turn
 def _tangent(given: Prepared, right: Array) -> Array:
-    return or_nan(*_refined(given, right, jnp.zeros_like(given.system.floor)))
+    system = given.system
+    moving = jnp.where(system.free, right, 0)
+    found, info = _solved(given, moving, system.tolerance * jnp.linalg.norm(moving))
+    return or_nan(jnp.where(system.free, found, right / system.mass[:, None]), info)
 
 
 @dataclasses.dataclass(frozen=True)
@@ -216,50 +167,10 @@ class ExactCondition:
         """See `GroupSystem`."""
         return inputs.system.gradient(unknown)
 
-    def solve(self, inputs: Prepared, guess: Array) -> tuple[Array, Any]:
-        """By the inverses and multipliers; info, and the largest gap between copies [m/s]."""
-        return _exact(inputs, guess)
+    def solve(self, inputs: Prepared, guess: Array) -> tuple[Array, SolveInfo]:
+        """From the last velocities."""
+        return _step_solution(inputs, guess)
 
     def tangent_solve(self, inputs: Prepared, unknown: Array, right: Array, matvec: Any) -> Array:
-        """With the same matrix; fixed nodes' rows carry their masses."""
-        system = inputs.system
-        mass = system.gathered(jnp.broadcast_to(system.inertia[:, :, None], system.right.shape))
-        return _tangent(inputs, jnp.where(system.free, right, right / mass))
-
-
-@dataclasses.dataclass(frozen=True)
-class CopiesCondition:
-    """Each group by itself: A v = right on the copies that move; `inputs`: (prepared, right)."""
-
-    symmetric: bool = True
-
-    def gradient(self, inputs: tuple[Prepared, Array], unknown: Array) -> Array:
-        """The residual (G, N, 3)."""
-        given, right = inputs
-        moves = given.system.groups.free[:, :, None]
-        return jnp.where(moves, given.system.product(jnp.where(moves, unknown, 0)) - right, unknown)
-
-    def solve(self, inputs: tuple[Prepared, Array], guess: Array) -> tuple[Array, SolveInfo]:
-        """By the inverses, until nothing but rounding is left."""
-        given, right = inputs
-        moves = given.system.groups.free[:, :, None]
-        return _copies(given, jnp.where(moves, right, 0))
-
-    def tangent_solve(self, inputs: Any, unknown: Array, right: Array, matvec: Any) -> Array:
-        """With the same inverses."""
-        return or_nan(*_copies(inputs[0], right))
-
-
-@lanes_in_turn
-def _copies(given: Prepared, right: Array) -> tuple[Array, SolveInfo]:
-    system, inverses = given.system, given.inverses
-    moves = system.groups.free[:, :, None]
-
-    def product(vector: Array) -> Array:
-        return jnp.where(moves, system.product(jnp.where(moves, vector, 0)), vector)
-
-    def nearly(residual: Array) -> Array:
-        return jnp.where(moves, _applied(system.rotation, inverses.whole, residual * moves), residual)
-
-    digits = 1e-13 if right.dtype.itemsize > 4 else 1e-6
-    return pcg(product, right, nearly, tol=digits, max_iterations=system.max_iterations)
+        """With the same matrices; fixed nodes' rows carry their masses."""
+        return _tangent(inputs, right)

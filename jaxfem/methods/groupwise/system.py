@@ -6,14 +6,13 @@ group j has, in place of (7) of Wang, Xu & Hasegawa,
     A_j = (1 + dt alpha) M_j + dt (dt + beta) R K_j R'
 which is their (7) with x = x0 + dt v and the predicted place of (6) put in. K_j takes no notice of x_cm, whichever way
 it is distributed: the matrix M_cm of (9) drops out, as a product K_j M_cm is zero, and A_j is symmetric. In the group's
-own frame A_j is constant.
+own frame A_j is constant. Where a node's copies in several groups are one, the sum of these equations is the step's.
 """
-
-from typing import Any
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.tetra import tetra_gradient
 from jaxfem.methods.assembled import lame
 from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.node_blocks import EXACT, rounding_floor
@@ -22,72 +21,92 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rotation import nearest_rotation
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.soft import external_force, prescribed_velocity
+from jaxfem.tensors import Matrix3, array_of, matrix_of, product, symmetric, times, transposed
 
 Array = jax.Array
 
 
 class GroupSystem(Pytree):
-    """A step of all groups. `rotation` (G, 3, 3); `inertia` (G, N) [kg]: (1 + dt alpha) times masses of the copies,
-    `share` (G, N) of a node's mass; `stiff` (E,): dt (dt + beta) times the volume [m^3 s^2], with `lam` and `shear`
-    (E,) [Pa]. `right` (G, N, 3) [N s]; `prescribed` (n, 3) [m/s]; `free` (n, 1)."""
+    """A step of all groups, element by element.
+
+    `cells` (E, 4), `gradients` (4, 3, E); `rotation` (G, 3, 3) and, of each element's group, `turn` (3, 3, E);
+    `inertia` (G, N) [kg]: (1 + dt alpha) times masses of the copies, `mass` (n,) their sums, `share` (G, N) of a node's
+    mass; `strain` (3, 3, E): R'F - I at the start; `reach` (E,) dt + beta [s], `span` (E,) dt times the volume [m^3 s],
+    `lam` and `shear` (E,) [Pa]; `load` (n, 3): M v0 + dt f [N s]; `prescribed` (n, 3) [m/s]; `free` (n, 1).
+    """
 
     groups: Groups
     cells: Array
     gradients: Array
     rotation: Array
+    turn: Array
     inertia: Array
+    mass: Array
     share: Array
-    stiff: Array
+    strain: Array
+    reach: Array
+    span: Array
     lam: Array
     shear: Array
-    right: Array
+    load: Array
     prescribed: Array
     free: Array
     floor: Array
     tolerance: Array
     max_iterations: Array
 
-    def pull(self, field: Array, scale: Array, turned: bool = True) -> Array:
-        """`scale` (E,) K times a field of copies (G, N, 3)."""
-        flat = field.reshape(-1, 3)
-        corners = flat[self.groups.slots]
-        gradient = jnp.einsum("eai,aje->eij", corners[:, 1:] - corners[:, :1], self.gradients[1:], precision=EXACT)
-        own = self.rotation[self.groups.element]
-        strain = jnp.einsum("eki,ekj->eij", own, gradient, precision=EXACT)
-        forces = self.stress_forces(strain, own, scale)
-        return jnp.zeros_like(flat).at[self.groups.slots].add(forces).reshape(field.shape)
+    def gradient(self, unknown: Array) -> Array:
+        """The residual (n, 3) of nodes whose copies are one; what is not free carries its mass."""
+        velocities = self.merged(unknown)
+        strain = self._strain(velocities, self.cells) + self.strain
+        left = self.mass[:, None] * velocities - self.load + self._pushed(strain, self.cells, len(velocities))
+        return jnp.where(self.free, left, self.mass[:, None] * unknown)
 
-    def stress_forces(self, strain: Array, own: Array, scale: Array) -> Array:
-        """R S grad N_a times `scale` (E,) at each corner, (E, 4, 3), S the stress of sym(strain) (E, 3, 3)."""
-        even = strain + strain.swapaxes(1, 2)
-        trace = jnp.trace(strain, axis1=1, axis2=2)
-        stress = self.shear[:, None, None] * even
-        stress = stress + (self.lam * trace)[:, None, None] * jnp.eye(3, dtype=strain.dtype)
-        turned = jnp.einsum("eik,ekj->eij", own, scale[:, None, None] * stress, precision=EXACT)
-        others = jnp.einsum("eij,aje->eai", turned, self.gradients[1:], precision=EXACT)
-        return jnp.concatenate([-others.sum(1, keepdims=True), others], 1)
+    def product(self, vector: Array) -> Array:
+        """The derivative of `gradient` times (n, 3)."""
+        moving = jnp.where(self.free, vector, 0)
+        pulled = self._pushed(self._strain(moving, self.cells), self.cells, len(vector))
+        return self.mass[:, None] * vector + jnp.where(self.free, pulled, 0)
 
-    def product(self, field: Array) -> Array:
-        """A times a field of copies (G, N, 3)."""
-        return self.inertia[:, :, None] * field + self.pull(field, self.stiff)
+    def copies_product(self, field: Array) -> Array:
+        """A of each group times a field of copies (G, N, 3)."""
+        flat, slots = field.reshape(-1, 3), self.groups.slots
+        pulled = self._pushed(self._strain(flat, slots), slots, len(flat))
+        return self.inertia[:, :, None] * field + pulled.reshape(field.shape)
+
+    def copies_right(self) -> Array:
+        """Right-hand side of each group by itself, (G, N, 3) [N s]; a node's load goes by mass."""
+        pulled = self._pushed(self.strain, self.groups.slots, self.groups.nodes.size)
+        return self.share[:, :, None] * self.spread(self.load) - pulled.reshape(*self.groups.nodes.shape, 3)
 
     def spread(self, field: Array) -> Array:
         """A nodal field (n, 3) on the copies."""
         return field[self.groups.nodes]
 
-    def gathered(self, field: Array) -> Array:
-        """Sum of copies (G, N, 3) on the nodes, (n, 3); padding must be zero."""
-        return jnp.zeros_like(self.prescribed).at[self.groups.nodes].add(field)
+    def means(self, copies: Array) -> Array:
+        """Means (n, 3) of the copies (G, N, 3), by their masses."""
+        return jnp.zeros_like(self.prescribed).at[self.groups.nodes].add(self.share[:, :, None] * copies)
 
     def merged(self, unknown: Array) -> Array:
         """Velocities of all nodes from the unknown on the free ones."""
         return jnp.where(self.free, unknown, self.prescribed)
 
-    def gradient(self, unknown: Array) -> Array:
-        """The residual (n, 3) of nodes whose copies are one."""
-        left = self.product(self.spread(self.merged(unknown)) * (self.share > 0)[:, :, None]) - self.right
-        mass = self.gathered(jnp.broadcast_to(self.inertia[:, :, None], self.right.shape))
-        return jnp.where(self.free, self.gathered(left), mass * unknown)
+    def _strain(self, field: Array, cells: Array) -> Array:
+        """(dt + beta) R' grad of a velocity field (m, 3) with the elements' corners at `cells`, (3, 3, E)."""
+        rate = tetra_gradient(cells, self.gradients, field)
+        return self.reach * array_of(product(transposed(matrix_of(self.turn)), rate))
+
+    def _pushed(self, strain: Array, cells: Array, count: int) -> Array:
+        """dt V R S grad N_a at the corners, S the stress of sym(strain), summed to (count, 3)."""
+        even = symmetric(matrix_of(strain))
+        pressure = self.span * self.lam * (even[0][0] + even[1][1] + even[2][2])
+        shear = 2 * self.span * self.shear
+        stress = [[shear * even[i][j] + (pressure if i == j else 0) for j in range(3)] for i in range(3)]
+        turned = product(matrix_of(self.turn), stress)
+        others = jnp.stack([jnp.stack(times(turned, self.gradients[a])) for a in (1, 2, 3)])
+        # The first corner takes the reaction, so that forces sum to zero to the last digit.
+        forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
+        return jnp.zeros((count, 3), forces.dtype).at[cells].add(forces)
 
 
 def group_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> GroupSystem:
@@ -96,31 +115,38 @@ def group_system(model: Model, params: Params, state: State, dt: Array, forces: 
     elements, x = model.elements, state.positions
     values = element_constants(model, params)
     lam, shear, beta = (jnp.broadcast_to(v, elements.volumes.shape) for v in (*lame(model, params), values["damping"]))
-    masses = _group_masses(model, params)
-    rotation = shape_matching(masses, x[groups.nodes], model.rest[groups.nodes])
-    total = nodal_mass(model, params.density)
-    share = masses / total[groups.nodes]
-    system = GroupSystem(
+    copies, masses = _group_masses(model, params), nodal_mass(model, params.density)
+    rotation = shape_matching(copies, x[groups.nodes], model.rest[groups.nodes])
+    turn = jnp.moveaxis(rotation, 0, -1)[:, :, groups.element]
+    load = dt * external_force(model, params, x, forces)
+    drag = 1 + dt * nodal_drag(model, params)
+    return GroupSystem(
         groups=groups,
         cells=elements.cells,
         gradients=elements.gradients,
         rotation=rotation,
-        inertia=masses * (1 + dt * nodal_drag(model, params))[groups.nodes],
-        share=share,
-        stiff=dt * (dt + beta) * elements.volumes,
+        turn=turn,
+        inertia=copies * drag[groups.nodes],
+        mass=masses * drag,
+        share=copies / masses[groups.nodes],
+        strain=array_of(_start_strain(elements.cells, elements.gradients, x, turn)),
+        reach=dt + beta,
+        span=dt * elements.volumes,
         lam=lam,
         shear=shear,
-        right=jnp.zeros((*groups.nodes.shape, 3), x.dtype),
+        load=masses[:, None] * state.velocities + load,
         prescribed=prescribed_velocity(model, params, state, dt),
         free=model.free[:, None] > 0,
-        floor=jnp.zeros((), x.dtype),
+        floor=rounding_floor(masses, load, state.velocities),
         tolerance=model.tolerance,
         max_iterations=model.max_iterations,
     )
-    load = dt * external_force(model, params, x, forces)
-    own = masses[:, :, None] * state.velocities[groups.nodes] + share[:, :, None] * load[groups.nodes]
-    pull = dt * _warped(system, elements.volumes, x, model.rest)
-    return system.replace(right=own - pull, floor=rounding_floor(total, load, state.velocities))
+
+
+def _start_strain(cells: Array, gradients: Array, positions: Array, turn: Array) -> Matrix3:
+    """R'F - I: only differences within an element count, so the groups' centres drop out."""
+    stretch = product(transposed(matrix_of(turn)), tetra_gradient(cells, gradients, positions))
+    return [[stretch[i][j] - (1.0 if i == j else 0.0) for j in range(3)] for i in range(3)]
 
 
 def _group_masses(model: Model, params: Params) -> Array:
@@ -142,14 +168,3 @@ def shape_matching(masses: Array, places: Array, rest: Array) -> Array:
     ]
     moment = jnp.einsum("gn,gni,gnj->gij", masses, *arms, precision=EXACT)
     return nearest_rotation(moment)
-
-
-def _warped(system: GroupSystem, volumes: Array, positions: Array, rest: Array) -> Array:
-    """R K (R'(x - x_cm) - (X - X_cm)) of each group, (G, N, 3) [N]: only differences within an element count."""
-    corners, own = positions[system.cells], system.rotation[system.groups.element]
-    way = jnp.einsum("eai,aje->eij", corners[:, 1:] - corners[:, :1], system.gradients[1:], precision=EXACT)
-    strain = jnp.einsum("eki,ekj->eij", own, way, precision=EXACT) - jnp.eye(3, dtype=way.dtype)
-    flat: Any = jnp.zeros((system.groups.nodes.size, 3), positions.dtype)
-    forces = system.stress_forces(strain, own, volumes)
-    pull: Array = flat.at[system.groups.slots].add(forces).reshape(*system.groups.nodes.shape, 3)
-    return pull

@@ -40,6 +40,7 @@ class Condensed(RowMethod):
     name: ClassVar[str] = "condensed"
     nonlinear: ClassVar[bool] = True
     guarded: ClassVar[bool] = True
+    as_it_is: ClassVar[bool] = True
 
     def refuses(self, facts: Facts) -> str | None:
         """Scenes without soft bodies, and those whose rigid bodies nothing ties to anything."""

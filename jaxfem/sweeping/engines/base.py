@@ -9,6 +9,7 @@ import jax
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.registry import Registry
 from jaxfem.stepping import rollout
+from jaxfem.sweeping.derivatives import with_derivatives
 from jaxfem.sweeping.outputs import Observed
 from jaxfem.sweeping.places import Place, placed
 
@@ -22,6 +23,7 @@ class Task:
     """What each variant is: the scene, `steps` of `dt`, a saved state `every` so many, variables and outputs.
 
     `change` (params, state, values) -> (params, state): what a user does with values beyond their `places`, or None.
+    `derivatives`: variables in which those of the outputs are kept beside them.
     """
 
     model: Model
@@ -34,6 +36,7 @@ class Task:
     measure: Callable[[Observed], dict[str, Array]]
     change: Callable[..., tuple[Params, State]] | None = None
     halvings: int = 0
+    derivatives: tuple[str, ...] = ()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -50,6 +53,12 @@ class Task:
 
     def one(self, parts: tuple[Model, Params, State], values: dict[str, Array]) -> Kept:
         """What is kept of one variant: by `rollout`, whatever the scene."""
+        if not self.derivatives:
+            return self._plain(parts, values)
+        made: Kept = with_derivatives(lambda own: self._plain(parts, own), values, self.derivatives)
+        return made
+
+    def _plain(self, parts: tuple[Model, Params, State], values: dict[str, Array]) -> Kept:
         model = parts[0]
         params, state, dt = self.variant(parts, values)
         failing: Any = {"on_failure": "halve", "halvings": self.halvings} if self.halvings else {"on_failure": "stop"}

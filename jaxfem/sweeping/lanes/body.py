@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxfem.model import Model, Params, element_stiffness, nodal_mass, per_element
 from jaxfem.pytrees import Pytree, on_device, static
+from jaxfem.sweeping.lanes.loose import Loose, loose_of
 
 Array = jax.Array
 RUNS = 4  # rectangles of equal width that padded sums are cut into
@@ -21,8 +22,9 @@ class Body(Pytree):
     `corners` (E + 1, 4): one more element that is nothing pads the sums, with F = I by `nothing` (E + 1, 3, 3, 1).
     `gradients` (E + 1, 4, 3, 1), `volumes` (E + 1, 1). `touch`: rows 4 e + a of the corners that meet at each node, in
     rectangles, `touch_back` (n,): where each node is in them. `around` (nf, 4): elements around each free node.
-    `frequencies` (3 nf, 1) squared and `shapes` (3 nf, 3 nf) of the modes at rest of the `stiffness` and `density` ()
-    that a lane's are compared with. `sure` (): true, which the compiler does not know.
+    `frequencies` (3 nf, 1) squared and `shapes` (3 nf, 3 nf), in single precision, of the modes at rest of the
+    `stiffness` and `density` () that a lane's are compared with. `sure` (): true, which the compiler does not know.
+    `loose`: which bodies nothing holds, None without such.
     """
 
     corners: Array
@@ -39,6 +41,7 @@ class Body(Pytree):
     stiffness: Array
     density: Array
     sure: Array
+    loose: Loose | None
     free: int = static()
 
     def fence(self, values: Any) -> Any:
@@ -83,10 +86,11 @@ def body_of(model: Model, params: Params) -> Body:
         order=on_device(order, np.int32),
         back=on_device(back, np.int32),
         frequencies=on_device(squared[:, None], dtype),
-        shapes=on_device(shapes, dtype),
+        shapes=on_device(shapes, np.float32),
         stiffness=on_device(shear, dtype),
         density=on_device(density, dtype),
         sure=jnp.bool_(True),
+        loose=loose_of(model, order),
         free=count,
     )
 

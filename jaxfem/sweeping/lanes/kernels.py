@@ -10,6 +10,7 @@ from jaxfem.sweeping.lanes.body import Body
 
 Array = jax.Array
 AXES = range(3)
+CYCLES = ((1, 2), (2, 0), (0, 1))
 ROW = 8  # corners summed in one pass
 
 
@@ -60,11 +61,16 @@ def rotation(body: Body, f: Array) -> tuple[Array, Array]:
     return found, (det <= 0).sum(0, dtype=jnp.int32)
 
 
+def cross(a: Array, b: Array) -> Array:
+    """Cross products along the last axis but that of the lanes."""
+    return jnp.stack([a[..., i, :] * b[..., j, :] - a[..., j, :] * b[..., i, :] for i, j in CYCLES], -2)
+
+
 def determinant(body: Body, f: Array) -> Array:
     """Of F (E, 3, 3, lanes)."""
 
     def cofactor(k: int) -> Array:
-        i, j = (k + 1) % 3, (k + 2) % 3
+        i, j = CYCLES[k]
         found: Array = f[:, 1, i] * f[:, 2, j] - f[:, 1, j] * f[:, 2, i]
         return found
 
@@ -88,12 +94,12 @@ def turned_gradients(body: Body, r: Array) -> Array:
     return found
 
 
-def strain_force(body: Body, turned: Array, gradient: Array, lam: Array, mu: Array, shift: float = 0.0) -> Array:
-    """Sum over elements of V (lam tr(S) I + 2 mu S) r_a, S = sym(gradient) - shift I, r_a = R grad N_a: (n, 3, lanes).
+def strain_stress(body: Body, gradient: Array, lam: Array, mu: Array, shift: float = 0.0) -> Array:
+    """V (lam tr(S) I + 2 mu S), S = sym(gradient) - shift I: (E, 3, 3, lanes) of gradients `pairing(field, turned)`.
 
-    `gradient` (E, 3, 3, lanes): sum_a field_a r_a'. Strain is in the world's frame: isotropic laws need no more R.
+    Strain is in the world's frame: isotropic laws need no more rotations than there are in the turned gradients.
     """
-    eye = jnp.eye(3, dtype=turned.dtype)[..., None]
+    eye = jnp.eye(3, dtype=gradient.dtype)[..., None]
     v = body.volumes[:, None, None]
 
     def stress() -> Array:
@@ -101,9 +107,19 @@ def strain_force(body: Body, turned: Array, gradient: Array, lam: Array, mu: Arr
         both = gradient + gradient.swapaxes(1, 2)
         return v * (mu[:, None, None] * both + trace[:, None, None] * eye)
 
-    t = body.fence(stress)
-    rows = body.fence(lambda: sum(t[:, None, :, j] * turned[:, :, None, j] for j in AXES))
-    return nodal_sum(body, rows.reshape(-1, *rows.shape[2:]))
+    found: Array = body.fence(stress)
+    return found
+
+
+def strain_force(body: Body, turned: Array, gradient: Array, lam: Array, mu: Array) -> Array:
+    """Sum over elements of V (lam tr(S) I + 2 mu S) r_a, S = sym(gradient), r_a = R grad N_a: (n, 3, lanes)."""
+    return nodal_sum(body, corner_rows(body, strain_stress(body, gradient, lam, mu), turned))
+
+
+def corner_rows(body: Body, stress: Array, turned: Array) -> Array:
+    """T r_a of each corner, (4 E, 3, lanes)."""
+    rows: Array = body.fence(lambda: sum(stress[:, None, :, j] * turned[:, :, None, j] for j in AXES))
+    return rows.reshape(-1, *rows.shape[2:])
 
 
 def nodal_sum(body: Body, rows: Array) -> Array:

@@ -14,43 +14,47 @@ Array = jax.Array
 Linear = Callable[[Array], Array]
 
 
-class Solved(Pytree):
-    """Solutions (nf, 3, lanes), `iterations`, relative `residual`, whether each lane has `converged`, and whether its
+class Outcome(Pytree):
+    """How a solve went, (lanes,) each: `iterations`, relative `residual`, whether it `converged`, and whether its
     numbers were `finite`."""
 
-    solution: Array
     iterations: Array
     residual: Array
     converged: Array
     finite: Array
 
 
+def norm(u: Array) -> Array:
+    """Of each lane, (lanes,)."""
+    return jnp.sqrt((u * u).sum((0, 1)))
+
+
 def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
     """x -> Q V (rho + scale Lambda)^-1 V' Q' x of all lanes: at rest the inverse itself, for each lane's stiffness,
     density and damping (`scale`, `density`: (lanes,), relative to those of the modes).
 
-    V and Lambda are shared: two large matrix products. Q: the mean rotation of some elements around each node.
+    V and Lambda are shared: two large matrix products, in single precision, which is enough to precondition with and a
+    third of the time. Q: the mean rotation of some elements around each node.
     """
     q = body.fence(lambda: sum(r[body.around[:, k]] for k in range(body.around.shape[1])) / body.around.shape[1])
-    weight = body.fence(lambda: 1 / (density + scale * body.frequencies))
+    weight = body.fence(lambda: (1 / (density + scale * body.frequencies)).astype(body.shapes.dtype))
 
     def apply(x: Array) -> Array:
-        turned = body.fence(lambda: sum(q[:, i] * x[:, i, None] for i in AXES)).reshape(len(body.shapes), -1)
-        back = (body.shapes @ (weight * (body.shapes.T @ turned))).reshape(x.shape)
-        found: Array = body.fence(lambda: sum(q[:, :, j] * back[:, j, None] for j in AXES))
+        turned = body.fence(lambda: jnp.asarray(sum(q[:, i] * x[:, i, None] for i in AXES), weight.dtype))
+        back = (body.shapes @ (weight * (body.shapes.T @ turned.reshape(len(body.shapes), -1)))).reshape(x.shape)
+        found: Array = body.fence(lambda: sum(q[:, :, j] * back[:, j, None].astype(x.dtype) for j in AXES))
         return found
 
     return apply
 
 
-def solve(matrix: Linear, precondition: Linear, b: Array, target: Array, asked: Array, limit: Array) -> Solved:
-    """Until the last of the lanes `asked` (lanes,) has a residual below `target` (lanes,); those that have stand still.
+def solve(
+    matrix: Linear, precondition: Linear, b: Array, target: Array, asked: Array, limit: Array
+) -> tuple[Array, Outcome]:
+    """(x, outcome), until the last of the lanes `asked` (lanes,) has a residual below `target` (lanes,).
 
-    Each lane's numbers are its own: one that is not finite ends, and is not converged.
+    Those that have stand still. Each lane's numbers are its own: one that is not finite ends, and is not converged.
     """
-
-    def norm(u: Array) -> Array:
-        return jnp.sqrt((u * u).sum((0, 1)))
 
     def trip(state: Any) -> Any:
         x, r, p, rz, active, k = state
@@ -68,4 +72,4 @@ def solve(matrix: Linear, precondition: Linear, b: Array, target: Array, asked: 
     x, r, _, _, active, k = jax.lax.while_loop(lambda s: s[4].any() & (s[5].max() < limit), trip, start)
     left = norm(r)
     good = (left <= target) & ~active
-    return Solved(x, k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))
+    return x, Outcome(k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))

@@ -5,39 +5,23 @@ before + follow v, so the increment of velocity solves
     (M + weight (reach + beta follow) K) dv = M (start - v) + weight (f_ext - f(x_a) - beta K v_a),  all at the last v.
 """
 
-from typing import Any
-
 import jax
 import jax.numpy as jnp
 
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, State, element_constants, nodal_mass, per_element
+from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.status import Status
 from jaxfem.stepping.begin import begun
 from jaxfem.sweeping.lanes.body import Body
-from jaxfem.sweeping.lanes.kernels import determinant, pairing, rotation, strain_force, turned_gradients
-from jaxfem.sweeping.lanes.solve import modal, solve
+from jaxfem.sweeping.lanes.increments import Effort, Equation, Frames, Lane, increment
+from jaxfem.sweeping.lanes.kernels import determinant, pairing, product, rotation, turned_gradients
+from jaxfem.sweeping.lanes.momentum import angles, kept, of_elements, turning_status, turns_ahead
+from jaxfem.sweeping.lanes.solve import Outcome, norm
 from jaxfem.system.carry import _sum
 from jaxfem.system.soft import prescribed_velocity
 
 Array = jax.Array
-
-
-class Lane(Pytree):
-    """What of a variant does not change in a run: `lam`, `mu`, `beta` (E + 1, lanes) or (1, lanes), `mass`
-    (n, 1, lanes), `weight` (n, 3, lanes) [N], and relative to the body's modes the mean `stiffness` and `density`
-    (lanes,), with the mean `damping` [s].
-    """
-
-    lam: Array
-    mu: Array
-    beta: Array
-    mass: Array
-    weight: Array
-    stiffness: Array
-    density: Array
-    damping: Array
 
 
 class Moving(Pytree):
@@ -64,10 +48,9 @@ class Told(Pytree):
 
 def lane_of(model: Model, body: Body, params: Params) -> Lane:
     """The numbers of one variant, without the axis of lanes."""
-    values = element_constants(model, params)
-    stiff = model.laws[0].stiffness(values)
-    volumetric, deviatoric = (jnp.atleast_1d(v) for v in stiff)
-    beta = jnp.atleast_1d(values["damping"])
+    (material,) = domain_materials(model, params)
+    numbers = material.volumetric, material.deviatoric, material.damping
+    volumetric, deviatoric, beta = (jnp.atleast_1d(jnp.asarray(v, model.rest.dtype)) for v in numbers)
     share = model.elements.volumes / model.elements.volumes.sum()
 
     def mean(value: Array) -> Array:
@@ -109,45 +92,39 @@ def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: A
     free = jnp.arange(at.positions.shape[0])[:, None, None] < body.free
     prescribed = _prescribed(model, body, params, at, dt)
     stage = model.scheme.stage(at, prescribed, free, dt)
-    r, inverted = rotation(body, pairing(body, stage.base, body.gradients) + body.nothing)
-    turned = turned_gradients(body, r)
+    stage = stage.replace(follow=jnp.asarray(stage.follow, dt.dtype))
+    base = jax.lax.stop_gradient(stage.base)  # what turns with it is in the force's own derivative
+    r, inverted = rotation(body, pairing(body, base, body.gradients) + body.nothing)
     load = stage.weight * _external(model, body, lane, params, stage.base)
     v = jnp.where(free, at.velocities, prescribed)
-    nf, b = body.free, _right(body, lane, stage, turned, v, load)[: body.free]
-    still = jnp.zeros((at.positions.shape[0] - nf, *b.shape[1:]), b.dtype)
-    reach = stage.reach + lane.beta * stage.follow
-    lam, mu = (stage.weight * reach * each for each in (lane.lam, lane.mu))
-
-    def matrix(p: Array) -> Array:
-        gradient = pairing(body, jnp.concatenate([p, still]), turned)
-        return lane.mass[:nf] * p + strain_force(body, turned, gradient, lam, mu)[:nf]
-
-    def norm(a: Array) -> Array:
-        return jnp.sqrt((a * a).sum((0, 1)))
-
-    floor = 16 * jnp.finfo(b.dtype).eps * (norm(load) + norm(lane.mass * at.velocities))
-    target = jnp.maximum(model.tolerance * norm(b), floor)
-    scale = stage.weight * (stage.reach + lane.damping * stage.follow) * lane.stiffness * body.stiffness / body.density
-    found = solve(matrix, modal(body, r, scale, lane.density), b, target, at.failed == 0, model.max_iterations)
-    return _ended(model, body, at, dt, free, v.at[:nf].add(found.solution), found, inverted)
+    floor = 16 * jnp.finfo(v.dtype).eps * (norm(load) + norm(lane.mass * at.velocities))
+    effort = Effort(model.tolerance, jax.lax.stop_gradient(floor), model.max_iterations, at.failed == 0)
+    angle = None if body.loose is None else angles(body.loose, lane.mass, at.positions, at.velocities, dt)
+    ahead = turns_ahead(angle) if angle is not None and model.scheme.straight else None
+    change, outcome = increment(body, _frames(body, r, ahead), Equation(stage, lane, load, v, ahead), effort)
+    v = jnp.concatenate([v[: body.free] + change, v[body.free :]])
+    if body.loose is not None:
+        defect = lane.mass * (v - stage.start) - load
+        v = kept(body.loose, lane.mass, at.positions, v, defect, model.scheme.straight)
+    ended, now = _ended(model, body, at, dt, free, v, outcome, inverted)
+    if angle is None:
+        return ended, now
+    # As elsewhere, the step that turned too far is taken, and has the status.
+    status = jnp.where(at.failed == 0, turning_status(model, angle, now.status), now.status)
+    return ended.replace(failed=status), now.replace(status=status)
 
 
-def _right(body: Body, lane: Lane, stage: Any, turned: Array, v: Array, load: Array) -> Array:
-    """The momentum that is left to do at the velocities v, (n, 3, lanes)."""
-    place = stage.base + stage.reach * v if stage.ahead is None else stage.base + stage.ahead + stage.reach * v
-    rate = stage.follow * v if stage.before is None else stage.before + stage.follow * v
-    if lane.beta.shape[0] == 1:  # one damping for all elements: both in one pass
-        whole = pairing(body, body.fence(lambda: place + lane.beta * rate), turned)
-    else:
-        strained, rates = pairing(body, place, turned), pairing(body, rate, turned)
-        whole = body.fence(lambda: strained + lane.beta[:, None, None] * rates)
-    force = strain_force(body, turned, whole, lane.lam, lane.mu, 1.0)
-    left: Array = lane.mass * (stage.start - v) + load - stage.weight * force
-    return left
+def _frames(body: Body, r: Array, ahead: Array | None) -> Frames:
+    """The rotations of a step from those `r` of its start."""
+    if ahead is None or body.loose is None:
+        return Frames(r, turned_gradients(body, r), None)
+    held = jax.lax.stop_gradient(ahead)
+    r = product(body, of_elements(body.loose, held), r)
+    return Frames(r, turned_gradients(body, r), held)
 
 
 def _ended(
-    model: Model, body: Body, at: Moving, dt: Array, free: Array, v: Array, found: Any, inverted: Array
+    model: Model, body: Body, at: Moving, dt: Array, free: Array, v: Array, found: Outcome, inverted: Array
 ) -> tuple[Moving, Told]:
     """Where the step ends; lanes that failed stay where they were, with what they failed at."""
     origin = at if at.dropped is None else at.replace(positions=jnp.zeros_like(at.positions))
@@ -190,4 +167,5 @@ def _prescribed(model: Model, body: Body, params: Params, at: Moving, dt: Array)
 
 def inside_out(body: Body, positions: Array) -> Array:
     """How many elements of each lane are, (lanes,)."""
+    positions = jax.lax.stop_gradient(positions)
     return (determinant(body, pairing(body, positions, body.gradients) + body.nothing) <= 0).sum(0, dtype=jnp.int32)

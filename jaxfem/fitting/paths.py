@@ -1,0 +1,146 @@
+"""Constants beyond those of materials, by path.
+
+`contact.NAME.friction`, `joint.NAME.compliance` (what the values of their rows declare, see `materials/quantities.py`),
+`load.NUMBER.x`, `load.NUMBER.factor`, `gravity.x`, `gravity.turn.x`, `velocity.BODY.x`, `spin.BODY.x`, `mass.BODY`,
+`young.BODY` (any constant of a material, of one body), `shear_modulus` and `bulk_modulus`.
+"""
+
+import dataclasses
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Spot, Start, Turn
+from jaxfem.fitting.unknowns import with_values
+from jaxfem.materials.constants import DENSITY, Constant
+from jaxfem.materials.quantities import quantities_of, signed_constant
+from jaxfem.model import Model, Params, State
+
+AXES = "xyz"
+
+
+@dataclasses.dataclass(frozen=True)
+class Placed(Constant):
+    """A constant that stands at a `spot` of its own; its name is the path."""
+
+    spot: Spot | None = None
+
+    def _check_name(self) -> None:
+        """Paths are no Python names."""
+
+
+def with_all(
+    params: Params, state: State, values: Mapping[str, Any], constants: tuple[Constant, ...]
+) -> tuple[Params, State]:
+    """Params and state with values of `constants` put where they stand, by name; those of materials first."""
+    spots = {each.name: each.spot for each in constants if isinstance(each, Placed) and each.spot is not None}
+    plain = {name: value for name, value in values.items() if name not in spots}
+    params = with_values(params, plain, constants)
+    for name, spot in spots.items():
+        if name in values:
+            params, state = spot.put(params, state, values[name])
+    return params, state
+
+
+def value_of(constant: Constant, params: Params, state: State) -> float:
+    """The value that a scene gives a constant."""
+    if isinstance(constant, Placed) and constant.spot is not None:
+        return constant.spot.read(params, state)
+    return float(jnp.mean(params.constants[constant.name]))
+
+
+def placed_constants(model: Model, params: Params, state: State) -> dict[str, Constant]:
+    """All that can be fitted by path in a scene."""
+    makers = (_rows, _loads, _gravity, _starts, _masses, _bodies, _moduli)
+    return {each.name: each for make in makers for each in make(model, params, state)}
+
+
+def _placed(name: str, constant: Constant, spot: Spot, **changes: Any) -> Placed:
+    fields = {each.name: getattr(constant, each.name) for each in dataclasses.fields(Constant)}
+    return Placed(**{**fields, "label": name, **changes, "name": name, "spot": spot})
+
+
+def _rows(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    """What the values of joints' and contacts' rows declare: one constant for all rows of a joint or contact."""
+    for kind, groups, values in (("contact", model.contacts, params.contacts), ("joint", model.joints, params.joints)):
+        found: dict[str, tuple[list[Constant], list[tuple[Keys, tuple[int, ...]]]]] = {}
+        for label in sorted(groups):
+            names = groups[label].names
+            length = getattr(groups[label], "length", True)
+            for field, quantity in quantities_of(values[label]):
+                constant = quantity.of(length)
+                if constant.name == "friction" and not groups[label].rough:
+                    continue
+                for owner in dict.fromkeys(names):
+                    own = tuple(k for k, each in enumerate(names) if each == owner)
+                    path = f"{kind}.{owner}.{constant.name}"
+                    constants, places = found.setdefault(path, ([], []))
+                    constants.append(constant)
+                    places.append(((f"{kind}s", label, field), own))
+        for path, (constants, places) in found.items():
+            units = ", ".join(dict.fromkeys(each.unit for each in constants))
+            yield _placed(path, constants[0], Entries(tuple(places)), unit=units)
+
+
+def _loads(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    for number, value in enumerate(params.loads):
+        shape = np.shape(value)
+        if shape == ():
+            whole = Entries(((("loads", number), None),))
+            yield _placed(f"load.{number}", signed_constant("value", "Pa", ""), whole)
+        elif shape == (3,):
+            for k, axis in enumerate(AXES):
+                spot = Entries(((("loads", number), (k,)),))
+                yield _placed(f"load.{number}.{axis}", signed_constant("value", "N or Pa", ""), spot)
+        factor = Constant("factor", "", "must be > 0", low=0.0)
+        yield _placed(f"load.{number}.factor", factor, Factor(number))
+
+
+def _gravity(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    turn = signed_constant("turn", "rad", "")
+    for k, axis in enumerate(AXES):
+        spot = Entries(((("gravity",), (k,)),))
+        yield _placed(f"gravity.{axis}", signed_constant("gravity", "m/s^2", ""), spot)
+        yield _placed(f"gravity.turn.{axis}", turn, Turn(k), bounds=(-np.pi, np.pi), absolute=True)
+
+
+def _starts(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    speed, spin = signed_constant("velocity", "m/s", ""), signed_constant("spin", "rad/s", "")
+    free, body = np.asarray(model.free) > 0, np.asarray(model.node_body)
+    for k, axis in enumerate(AXES):
+        for number, name in enumerate(model.bodies):
+            rows = tuple(np.flatnonzero(free & (body == number)).tolist())
+            if rows:
+                yield _placed(f"velocity.{name}.{axis}", speed, Start("velocities", False, rows, k))
+        if model.rigid is None:
+            continue
+        for number, name in enumerate(model.rigid.names):
+            if float(model.rigid.free[number]) > 0:
+                yield _placed(f"velocity.{name}.{axis}", speed, Start("velocities", True, (number,), k))
+                yield _placed(f"spin.{name}.{axis}", spin, Start("angular_velocities", True, (number,), k))
+
+
+def _masses(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    if model.rigid is not None:
+        for number, name in enumerate(model.rigid.names):
+            mass = Constant("mass", "kg", "must be > 0 kg", low=0.0)
+            yield _placed(f"mass.{name}", mass, Entries(((("rigid", "mass"), (number,)),)))
+
+
+def _bodies(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    """Each constant of a material, and the density, of one soft body."""
+    owner, count = np.asarray(model.elements.body), len(model.bodies)
+    for number, name in enumerate(model.bodies):
+        rows = np.flatnonzero(owner == number)
+        for each in (*model.laws[number].constants, DENSITY):
+            spot = OfBody(each.name, number, count, (int(rows[0]), int(rows[-1]) + 1))
+            yield _placed(f"{each.name}.{name}", each, spot, label=f"{each.title} of {name}")
+
+
+def _moduli(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    if {"young", "poisson"} <= set(params.constants) and all("shear" not in name for name in params.constants):
+        modulus = Constant("modulus", "Pa", "must be > 0 Pa", low=0.0)
+        yield _placed("shear_modulus", modulus, Modulus(False), label="shear modulus", stiffness=True)
+        yield _placed("bulk_modulus", modulus, Modulus(True), label="bulk modulus", limit=True, bounds=(1e-3, 1e6))

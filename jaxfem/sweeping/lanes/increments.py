@@ -1,0 +1,143 @@
+"""The increment of velocities of a step with lanes last, and its derivative by the condition that it meets.
+
+The condition is linear in the increment: what is left to do at v + dv is b - H dv, and 0 at the solution. So
+H d(dv) = d(what is left), dv held: one more solve with the same matrix and preconditioner, also backwards.
+"""
+
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from jaxfem.pytrees import Pytree
+from jaxfem.schemes import Stage
+from jaxfem.solvers.differentiation import solved
+from jaxfem.sweeping.lanes.body import Body
+from jaxfem.sweeping.lanes.force import Strained, elastic_force
+from jaxfem.sweeping.lanes.kernels import CYCLES, pairing, strain_force
+from jaxfem.sweeping.lanes.momentum import of_elements, of_nodes
+from jaxfem.sweeping.lanes.solve import Linear, Outcome, modal, norm, solve
+
+Array = jax.Array
+
+
+class Lane(Pytree):
+    """What of a variant does not change in a run: `lam`, `mu`, `beta` (E + 1, lanes) or (1, lanes), `mass`
+    (n, 1, lanes), `weight` (n, 3, lanes) [N], and relative to the body's modes the mean `stiffness` and `density`
+    (lanes,), with the mean `damping` [s].
+    """
+
+    lam: Array
+    mu: Array
+    beta: Array
+    mass: Array
+    weight: Array
+    stiffness: Array
+    density: Array
+    damping: Array
+
+
+class Frames(Pytree):
+    """Rotations of a step (E + 1, 3, 3, lanes), and `turned` (E + 1, 4, 3, lanes): R grad N_a; held.
+
+    Those of the step's start, turned on by `ahead` (b, 3, 3, lanes), None without free bodies.
+    """
+
+    rotations: Array
+    turned: Array
+    ahead: Array | None
+
+
+class Equation(Pytree):
+    """What a step's solution depends on: the scheme's `stage`, the `lane`, weight and loads as impulses `load`, and the
+    `velocities` (n, 3, lanes) from which the increment leads; `ahead`: that of the frames, with its derivative."""
+
+    stage: Stage
+    lane: Lane
+    load: Array
+    velocities: Array
+    ahead: Array | None
+
+
+class Effort(Pytree):
+    """How far to solve: to a residual of `tolerance` () relative to the right side or `floor` (lanes,), in at most
+    `limit` iterations, for the lanes `asked` (lanes,)."""
+
+    tolerance: Array
+    floor: Array
+    limit: Array
+    asked: Array
+
+
+def increment(body: Body, frames: Frames, equation: Equation, effort: Effort) -> tuple[Array, Outcome]:
+    """(dv (nf, 3, lanes), outcome); differentiable in the equation, where the derivative of a lane that is not
+    converged is NaN."""
+    found: tuple[Array, Outcome] = solved(_solve, _change, body, frames, equation, effort)
+    return found
+
+
+def left(body: Body, frames: Frames, equation: Equation, change: Array | None) -> Array:
+    """The momentum that is left to do at the velocities and a `change` (nf, 3, lanes) of them, (nf, 3, lanes)."""
+    stage, lane, v, free = equation.stage, equation.lane, equation.velocities, body.free
+    if change is not None:
+        v = jnp.concatenate([v[:free] + change, v[free:]])
+    place = stage.base + stage.reach * v if stage.ahead is None else stage.base + stage.ahead + stage.reach * v
+    rate = stage.follow * v if stage.before is None else stage.before + stage.follow * v
+    base, spin = _turned_on(body, frames, equation)
+    if lane.beta.shape[0] == 1:  # one damping for all elements: both in one pass
+        strained = Strained(base, place + lane.beta * rate, None, lane.lam, lane.mu, None, spin)
+    else:
+        strained = Strained(base, place, rate, lane.lam, lane.mu, lane.beta, spin)
+    force = elastic_force(body, frames.turned, strained)
+    found: Array = (lane.mass * (stage.start - v) + equation.load - stage.weight * force)[:free]
+    return found
+
+
+def _turned_on(body: Body, frames: Frames, equation: Equation) -> tuple[Array, Array | None]:
+    """The base turned on as the rotations are, and how these turn beside it (E + 1, 3, lanes): 0, with a derivative."""
+    base, ahead = equation.stage.base, equation.ahead
+    if body.loose is None or frames.ahead is None or ahead is None:
+        return base, None
+    turned = of_nodes(body.loose, frames.ahead)
+    base = sum((turned[:, :, j] * base[:, None, j] for j in (1, 2)), turned[:, :, 0] * base[:, None, 0])
+    # ahead frames' is 1, and its change is skew of the spin; not fenced, which would be one more thing to transpose.
+    turn = (ahead[:, :, None] * frames.ahead[:, None]).sum(3)
+    spin = 0.5 * jnp.stack([turn[:, j, i] - turn[:, i, j] for i, j in CYCLES], 1)
+    every = of_elements(body.loose, spin)
+    return base, jnp.broadcast_to(every, (len(body.corners), *every.shape[1:]))
+
+
+def _operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, Linear]:
+    """The matrix M + weight (reach + beta follow) K on the free nodes, and its preconditioner."""
+    stage, lane, free = equation.stage, equation.lane, body.free
+    reach = stage.reach + lane.beta * stage.follow
+    lam, mu = (stage.weight * reach * each for each in (lane.lam, lane.mu))
+    still = jnp.zeros_like(equation.velocities[free:])
+
+    def matrix(p: Array) -> Array:
+        gradient = pairing(body, jnp.concatenate([p, still]), frames.turned)
+        found: Array = lane.mass[:free] * p + strain_force(body, frames.turned, gradient, lam, mu)[:free]
+        return found
+
+    scale = stage.weight * (stage.reach + lane.damping * stage.follow) * lane.stiffness * body.stiffness / body.density
+    return matrix, modal(body, frames.rotations, scale, lane.density)
+
+
+def _solve(body: Body, frames: Frames, equation: Equation, effort: Effort) -> tuple[Array, Outcome]:
+    b = left(body, frames, equation, None)
+    target = jnp.maximum(effort.tolerance * norm(b), effort.floor)
+    return solve(*_operators(body, frames, equation), b, target, effort.asked, effort.limit)
+
+
+def _change(found: Array, _: Outcome, arguments: Any, pushed: Callable[[Callable[..., Any]], Any]) -> Array:
+    body, frames, equation, effort = arguments
+    right = pushed(lambda body, frames, equation, effort: left(body, frames, equation, found))
+    matrix, precondition = _operators(body, frames, equation)
+
+    def solution(product: Linear, b: Array) -> Array:
+        x, outcome = solve(product, precondition, b, effort.tolerance * norm(b), effort.asked, effort.limit)
+        return jnp.where(outcome.converged | ~effort.asked, x, jnp.nan)
+
+    change: Array = jax.lax.custom_linear_solve(matrix, right, solution, symmetric=True)
+    return change
