@@ -37,6 +37,7 @@ LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
 ASIDE, EDGE = 0.01, 0.9
 """Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
 the two normals below which there is an edge in between."""
+SAID_AGAIN = 1e-3  # of what a unit impulse moves a row's nodes by: how far rows give that others nearly say too
 
 
 class ContactValues(Pytree):

@@ -6,10 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxfem.rows.attachments import Configuration
-from jaxfem.rows.contact import Pairs, SurfaceContacts
-
-GIVE = 1e-3
-"""Of what a unit impulse moves a node of a patch by: how far it goes into the other patch."""
+from jaxfem.rows.contact import SAID_AGAIN, Pairs, SurfaceContacts
 
 SUNK = 0.25
 """Of the depth behind which nodes are elsewhere: those between the two are coming through."""
@@ -28,9 +25,8 @@ class PatchContacts(SurfaceContacts):
 
     @property
     def give(self) -> float:
-        """Nodes of both sides meet the other's triangles, so rows say nearly the same twice: what they do not share
-        would have to be made of huge impulses that cancel."""
-        return GIVE
+        """Nodes of both sides meet the other's triangles, so rows say nearly the same twice."""
+        return SAID_AGAIN
 
     @property
     def deepest(self) -> Any:
