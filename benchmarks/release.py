@@ -8,7 +8,7 @@ the right row, one at most a row off, an interval that holds the right row, and 
 import jax
 import numpy as np
 from machine import describe
-from report import arguments, finish
+from report import arguments, finish, save
 
 jax.config.update("jax_enable_x64", True)
 
@@ -71,7 +71,8 @@ def main():
             for noise in NOISES:
                 key = f"substeps_{substeps}_still_{still}_noise_{1e3 * noise:g}_mm"
                 figures[key] = shares(paths, still, noise, draws)
-                print(key, figures[key])
+                print(key, figures[key], flush=True)
+                save("release", figures, options.out)
     finish("release", figures, options.out)
 
 

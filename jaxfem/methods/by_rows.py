@@ -20,6 +20,7 @@ from jaxfem.system.coupled import configuration, coupled_system, midway_inertia,
 from jaxfem.system.giving import gave_way
 from jaxfem.system.holding import held, unmet
 from jaxfem.system.momentum import kept, turning_status, turns_ahead
+from jaxfem.system.piercing import piercing_status
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
 
@@ -34,6 +35,7 @@ class Ended(Pytree):
     """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`, `gave`: `gave_way`.
 
     `spin`: along which free rigid bodies turn. It is kept, not found anew: rounding may lead to another solution.
+    `pulled`: how hard joints pulled on them, by the impulses that it was solved with.
     """
 
     solved: Solved
@@ -42,6 +44,7 @@ class Ended(Pytree):
     impact: Array | None
     passed: Array | None
     spin: Array | None
+    pulled: Array | None
 
 
 class RowMethod(Method):
@@ -66,7 +69,7 @@ class RowMethod(Method):
             solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
             missed = unmet(model, system, solved.velocities, solved.impulses or {})
             gave = gave_way(model, system, solved.impulses or {}, dt)
-            return Ended(solved, missed, gave, system.impact, system.passed, system.spin)
+            return Ended(solved, missed, gave, system.impact, system.passed, system.spin, system.pulled)
 
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
@@ -75,6 +78,7 @@ class RowMethod(Method):
             status = held(model, params, configuration(following), found.missed, dt, status)
         if found.gave is not None:
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
+        status = piercing_status(model, state, status)
         return following, info.replace(status=turning_status(model, params, state, dt, status))
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
@@ -110,8 +114,8 @@ def with_fresh_pull(
             info = found.solved.info
             info = info.replace(iterations=info.iterations + last.solved.info.iterations)
             fresh = found.solved.impulses
-            assert fresh is not None
-            grew = pull_grew(model, middle, pull, fresh, dt, configuration(state))
+            assert fresh is not None and found.pulled is not None
+            grew = pull_grew(model, middle, found.pulled, fresh, dt, configuration(state))
             return found.replace(solved=found.solved.replace(info=info)), grew
 
         found, due = cond_any(due, recomputed(again), lambda _, last: (last, jnp.bool_(False)), pull, last)

@@ -91,6 +91,16 @@ class Candidates(Pytree):
         """Least compliance of their rows, as a share of what a unit impulse moves their nodes by; 0: the solver's."""
         return 0.0
 
+    @property
+    def slip(self) -> float:
+        """The same of their friction rows alone, by which what sticks creeps."""
+        return 0.0
+
+    @property
+    def deepest(self) -> Array | None:
+        """How deep (m,) [m] pairs may be: beyond, they are coming through. None where that is not watched."""
+        return None
+
     def pairs(self, at: Configuration) -> Pairs:
         """Where they are."""
         raise NotImplementedError

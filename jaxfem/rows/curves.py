@@ -37,6 +37,9 @@ NUDGE = 1e-4
 SAMPLES = 16  # of a rim
 AROUND = 2 / 3  # a third of a turn
 FAR = 1e3  # gap of what takes no part, in sizes of the curve
+SLIP = 3e-5
+"""Of what a unit impulse moves a rim by: how its friction rows give. Five places of one rim hold what three would; what
+they do not share would drift from round to round, with bounds that follow normal impulses as little shared."""
 MOST_CURVES = 8
 """Curves of a body that take part in a step: those that may be nearest."""
 SPOTS = 5  # along each of more curves than that, to tell which
@@ -77,6 +80,11 @@ class CurveContacts(Candidates):
     def alone(self) -> bool:
         """One shape serves one contact, and so do the `most` of its curves."""
         return self.shared or self.most > 0
+
+    @property
+    def slip(self) -> float:
+        """That of rims."""
+        return 0.0 if self.second is None else SLIP
 
     def pairs(self, at: Configuration) -> Pairs:
         """Those of the places found, which move with their bodies; k for each curve, side by side."""

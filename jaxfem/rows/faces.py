@@ -1,8 +1,9 @@
 """Faces of soft bodies against distance functions: the deepest point of each surface triangle, not only its corners.
 
 The point is sought by trying a pattern around the best one so far, ever finer; that needs no derivative and is not
-differentiated. One step of Newton's behind it, along the directions in which the distance is curved, makes it exact and
-gives it the implicit derivative (cf. Macklin, Erleben, Mueller, Chentanez, Jeschke & Corse 2020).
+differentiated. Two steps of Newton's behind it, along the directions in which the distance is curved, make it exact;
+the second, which starts where the curvature is that of the point itself, gives it the implicit derivative (cf. Macklin,
+Erleben, Mueller, Chentanez, Jeschke & Corse 2020).
 """
 
 import dataclasses
@@ -141,7 +142,8 @@ def _deepest(shape: Any, corners: Array) -> Array:
 
     third = jnp.full(3, 1 / 3, corners.dtype)
     best, _ = jax.lax.fori_loop(0, TRIES, finer, (third, 2 * third[0]))
-    return _exact(distance, fixed, (shape, corners), best, size)
+    near = _exact(distance, fixed, fixed, best, size)
+    return _exact(distance, fixed, (shape, corners), near, size)
 
 
 def _exact(distance: Any, fixed: Any, given: Any, best: Array, size: Array) -> Array:

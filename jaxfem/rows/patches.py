@@ -11,6 +11,9 @@ from jaxfem.rows.contact import Pairs, SurfaceContacts
 GIVE = 1e-3
 """Of what a unit impulse moves a node of a patch by: how far it goes into the other patch."""
 
+SUNK = 0.25
+"""Of the depth behind which nodes are elsewhere: those between the two are coming through."""
+
 
 class PatchContacts(SurfaceContacts):
     """Nodes of a patch of a soft body's surface against another patch of it, `deep` (m,) [m] behind which they are
@@ -28,6 +31,11 @@ class PatchContacts(SurfaceContacts):
         """Nodes of both sides meet the other's triangles, so rows say nearly the same twice: what they do not share
         would have to be made of huge impulses that cancel."""
         return GIVE
+
+    @property
+    def deepest(self) -> Any:
+        """A share of where they are taken to be elsewhere."""
+        return SUNK * self.deep
 
     def pairs(self, at: Configuration) -> Pairs:
         """As for two bodies."""

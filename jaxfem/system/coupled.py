@@ -86,7 +86,8 @@ def coupled_system(
     looked_at = [joint_name(label) for label in model.joints]
     if model.rigid is not None:
         looked_at += [contact_name(label) for label, group in model.contacts.items() if not group.give]
-    return system.replace(trace={name: traces[name] for name in looked_at})
+        looked_at += [friction_name(label) for label, group in model.contacts.items() if group.slip]
+    return system.replace(trace={name: traces[name] for name in looked_at if name in traces})
 
 
 def _extra_rows(
@@ -120,8 +121,9 @@ def _extra_rows(
 
 def _gives(model: Model) -> dict[str, float]:
     """Least share of compliance by group of rows, of those contacts that ask for one."""
-    asked = {label: group.give for label, group in model.contacts.items() if group.give > 0}
-    return {name(label): give for label, give in asked.items() for name in (contact_name, friction_name)}
+    asked = {contact_name(label): group.give for label, group in model.contacts.items()}
+    asked |= {friction_name(label): max(group.give, group.slip) for label, group in model.contacts.items()}
+    return {name: give for name, give in asked.items() if give > 0}
 
 
 def _plain_stage(state: State, dt: Array) -> Stage:
@@ -218,9 +220,10 @@ def _with_rigid(
 ) -> System:
     bodies, mass, rigid = model.rigid, params.rigid.mass, state.rigid
     middle, spin = world_inertia(bodies, mass, midway(bodies, rigid, dt)), free_spin(bodies, rigid, dt)
-    inertia, turning = middle, spin
+    inertia, turning, pulled = middle, spin, None
     if pulls(model):
-        inertia = middle + dt**2 * needed_stiffness(model, pull, middle, dt, at)
+        needed, pulled = needed_stiffness(model, pull, middle, dt, at)
+        inertia = middle + dt**2 * needed
         turning = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
@@ -230,6 +233,7 @@ def _with_rigid(
         mass=jnp.concatenate([soft.mass, mass, jnp.zeros_like(mass)]),
         target=jnp.concatenate([soft.target, *targets]),
         spin=spin,
+        pulled=pulled,
         prescribed=jnp.concatenate([soft.prescribed, linear, angular]),
         free=jnp.concatenate([soft.free, bodies.free, bodies.free]),
         floor=soft.floor + jax.lax.stop_gradient(16 * jnp.finfo(mass.dtype).eps * jnp.linalg.norm(size)),

@@ -14,13 +14,14 @@ import numpy as np
 from jaxfem.model import Model
 from jaxfem.rows.contact import PUSH
 from jaxfem.solvers.status import Status, caused
-from jaxfem.system.names import contact_name, joint_name
+from jaxfem.system.names import contact_name, friction_name, joint_name
 from jaxfem.system.soft import System
 
 Array = jax.Array
 
 GAVE = 1e-3
-"""Of the scene's size: what a load may open a joint or sink a contact by."""
+"""Of the scene's size: what a load may open a joint or sink a contact by; in a second, what a rim may creep that
+sticks."""
 TURN = 4.0
 """rad that count as the scene's size."""
 
@@ -42,6 +43,9 @@ def gave_way(model: Model, system: System, impulses: Mapping[str, Array], dt: Ar
     for label, contacts in model.contacts.items():
         if (name := contact_name(label)) in system.trace and name in impulses:
             shares.append(_left(system, name, impulses[name], dt, PUSH) / size)
+            codes.append(_codes("contact", contacts.names, len(shares[-1])))
+        if (name := friction_name(label)) in system.trace and name in impulses:
+            shares.append(jnp.max(system.trace[name] * jnp.abs(impulses[name]), axis=1) / size)  # in a second
             codes.append(_codes("contact", contacts.names, len(shares[-1])))
     if not shares:
         return None

@@ -32,28 +32,24 @@ def pulls(model: Model) -> bool:
 
 
 def pull_grew(
-    model: Model,
-    inertia: Array,
-    before: Mapping[str, Array],
-    found: Mapping[str, Array],
-    dt: Array,
-    at: Configuration,
+    model: Model, inertia: Array, before: Array, found: Mapping[str, Array], dt: Array, at: Configuration
 ) -> Array:
-    """Whether impulses `found` pull some body so much harder than those `before`; `inertia` (b, 3, 3)."""
-    held = jax.lax.stop_gradient((inertia, dt, at))
-    used, due = (_stiffness(model, jax.lax.stop_gradient(each), *held)[1] for each in (before, found))
-    return jnp.any(due > GROWTH * jnp.maximum(ONSET, used))
+    """Whether impulses `found` pull some body so much harder than x (b,) `before`; `inertia` (b, 3, 3)."""
+    _, due = _stiffness(model, *jax.lax.stop_gradient((found, inertia, dt, at)))
+    return jnp.any(due > GROWTH * jnp.maximum(ONSET, jax.lax.stop_gradient(before)))
 
 
-def needed_stiffness(model: Model, pull: Mapping[str, Array], inertia: Array, dt: Array, at: Configuration) -> Array:
+def needed_stiffness(
+    model: Model, pull: Mapping[str, Array], inertia: Array, dt: Array, at: Configuration
+) -> tuple[Array, Array]:
     """Geometric stiffness of joints with the impulses `pull` of a step, as far as stability asks for it: (b, 3, 3).
 
     K (1 - onset / x)+ with x = dt^2 |I^-1 K| (Frobenius): nothing where the step resolves the motion, and elsewhere
-    just enough to keep the explicit remainder at the onset.
+    just enough to keep the explicit remainder at the onset. And x (b,).
     """
     total, size = _stiffness(model, pull, inertia, dt, at)
     share = jnp.where(size > ONSET, 1 - ONSET / jnp.where(size > ONSET, size, 1), 0)
-    return share[:, None, None] * total
+    return share[:, None, None] * total, size
 
 
 def _stiffness(

@@ -40,7 +40,8 @@ class System(Pytree):
     With rigid bodies n counts all triples (see `rows/attachments.py`), and `inertia` (b, 3, 3) are the blocks of the
     last b of them, whose `mass` is 0. `impact` (n,): where something strikes within a step of a scheme that restarts
     there, which is then one of backward Euler. `passed` (b,): share of the step before a rigid body is struck, in which
-    it goes on as it did (see `impacts.py`). `spin` (b, 3): along which free bodies turn in the step. `trace`: what of
+    it goes on as it did (see `impacts.py`). `spin` (b, 3): along which free bodies turn in the step. `pulled` (b,): how
+    hard joints pull on them, as `pull.py` measures it. `trace`: what of
     the compliance of joints' rows is there to make their matrix regular, by group. `noise` [N s]: what the rounding of
     positions makes of the forces of laws that are not linear, None without such.
     """
@@ -64,6 +65,7 @@ class System(Pytree):
     impact: Array | None = None
     passed: Array | None = None
     spin: Array | None = None
+    pulled: Array | None = None
     noise: Array | None = None
 
     @property

@@ -198,6 +198,13 @@ def test_takes_noise_and_priors_are_read(folder):
     file = load_fit(folder / "takes.toml")
     assert [take.name for take in file.takes] == ["recording", "other"] and file.settings["held_out"] == ("other",)
     assert file.takes[0].cutting["release"] == 0.0 and file.takes[1].cutting["release"] == 0.1
+    loaded = (folder / "scene.toml").read_text()
+    load = '[[body.load]]\nkind = "nodal_force"\nnodes = "x+"\nvalue = [0, 0, -0.1]\n'
+    loaded = loaded.replace("\n[output]", f"\n{load}[output]")
+    (folder / "loaded.toml").write_text(loaded)
+    (folder / "takes.toml").write_text(text.replace('name = "other"', 'name = "other"\nscene = "loaded.toml"'))
+    with_weight = load_fit(folder / "takes.toml").takes[1].scene.scene.soft[0]
+    assert with_weight.loads[0].force == (0, 0, -0.1) and not file.takes[0].scene.scene.soft[0].loads
     assert file.settings["noise"].correlation == "ar" and file.settings["priors"]["young"].factor == 1.5
 
 

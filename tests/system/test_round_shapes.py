@@ -147,7 +147,6 @@ def test_bodies_rest_on_what_they_lie_across(dtype):
 
 
 @pytest.mark.slow
-@pytest.mark.xfail(reason="some steps of the landing reach the limit of rounds, and say so", strict=False)
 def test_a_tilted_cylinder_falls_on_its_end_and_stands():
     a = 0.05
     body = jf.RigidBody(

@@ -7,6 +7,7 @@ import pytest
 import scenes
 
 import jaxfem as jf
+from jaxfem.solvers import describe
 
 
 def clip():
@@ -59,6 +60,20 @@ def test_the_arms_of_a_clip_do_not_pass_through_each_other(touching):
         assert float(np.abs(states.velocities[-1]).max()) < 1e-2
     else:
         assert min(gaps) < -2e-2
+
+
+@pytest.mark.slow
+def test_an_arm_that_slips_off_the_other_and_comes_through_is_named():
+    mesh, lower, upper = clip()
+    end = np.flatnonzero(np.isclose(mesh.points[:, 0], 0.3) & np.isclose(mesh.points[:, 2], 0.3))
+    held, pull = np.isclose(mesh.points[:, 2], 0), jf.NodalForce(end, (0, 0, -12.0))
+    body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0, damping=0.05, fixed=held, loads=[pull])
+    contact = jf.Contact(body, body, nodes=upper, against=lower, friction=0.2, name="arms")
+    model, params, state = jf.build(jf.Scene([body], contacts=[contact]), tolerance=1e-7)
+    _, info = scenes.rolled(model, params, state, 1e-2, 60)
+    said = {describe(int(code)) for code in info.status if code}
+    assert said and all(each.startswith('gave way: contact "arms", whose sides') for each in said)
+    assert not info.status[:40].any()
 
 
 def test_momentum_is_kept_while_it_touches_itself():
