@@ -70,7 +70,7 @@ _MESSAGES = {
     Status.CONTRADICTORY_JOINTS: "contradictory joints",
     Status.OPEN_JOINTS: "left joints open",
     Status.TURNED_TOO_FAR: "turned too far for a step of straight lines",
-    Status.GAVE_WAY: "gave way",
+    Status.GAVE_WAY: "gave way under a load",
 }
 
 
