@@ -95,7 +95,7 @@ def build(
         nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if is_nonlinear(law))),
     )
     state = state.replace(carry=first_carry(state))
-    return with_method(Built(facts, model, params, state), asked, rotation_update)
+    return with_method(Built(facts, model, params, state), asked, rotation_update, solver)
 
 
 def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:

@@ -96,12 +96,16 @@ def method_asked(solver: Any, rotation_update: str) -> Method | None:
     return _turning(solver, rotation_update)
 
 
-def with_method(built: Built, asked: Method | None, rotation_update: str) -> tuple[Model, Params, State]:
-    """All three with the method that was asked for, or that "auto" takes. SceneError says why one cannot."""
+def with_method(
+    built: Built, asked: Method | None, rotation_update: str, solver: Any = None
+) -> tuple[Model, Params, State]:
+    """All three with the method that was `asked` for, as `solver`, or that "auto" takes. SceneError says why one
+    cannot."""
     if asked is not None:
-        found = _tried(built, asked, Choice(asked.name, "asked for"))
+        word = solver if isinstance(solver, str) else asked.name
+        found = _tried(built, asked, Choice(word, "asked for"))
         if isinstance(found, str):
-            raise SceneError(f'solver "{asked.name}" {found}')
+            raise SceneError(f'solver "{word}" {found}')
         return found
     why = "no method serves this scene"
     for rule in AUTO:

@@ -18,6 +18,9 @@ from jaxfem.mesh import MeshWarning
 from jaxfem.mesh.troubles import troubles
 from jaxfem.model import Params
 
+ELSEWHERE = ("dt", "state", "delay")
+"""Names that sweeps and fits have for what is no constant."""
+
 
 def check_body(body: SoftBody, name: str) -> None:
     """Refuse lengths that are no metres; warn of what its mesh notes, of seams and flat elements, and of locking."""
@@ -41,7 +44,8 @@ def check_body(body: SoftBody, name: str) -> None:
 
 def check_laws(bodies: Sequence[SoftBody], names: Sequence[str]) -> None:
     """Refuse constants of one name and two meanings, and names that `Params` has for others."""
-    taken = {each.name for each in dataclasses.fields(Params)} | set(dir(Params)) | {DENSITY.name, MASS_DAMPING.name}
+    taken = {each.name for each in dataclasses.fields(Params)} | {*dir(Params), DENSITY.name, MASS_DAMPING.name}
+    taken |= {*ELSEWHERE}
     known: dict[str, Constant] = {}
     for body, name in zip(bodies, names, strict=True):
         law = body.made_of

@@ -113,14 +113,30 @@ def _imports(words: list[str]) -> tuple[list[str], list[str]]:
 
 
 def import_module(given: str) -> None:
-    """Run a module or a Python file, so that the kinds it defines are known. ImportError says what is missing."""
-    if not given.endswith(".py"):
-        importlib.import_module(given)
-        return
+    """Run a module or a Python file, so that the kinds it defines are known. ImportError says what is wrong.
+
+    Modules beside the file, or in the working folder, can be imported too.
+    """
     path = Path(given)
-    if not path.is_file():
+    if not given:
+        raise ImportError("--import needs a module or a FILE.py of your own")
+    if given.endswith(".py") and not path.is_file():
         raise FileNotFoundError(2, "no such file to --import", given)
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    folder = str(path.resolve().parent if given.endswith(".py") else Path.cwd())
+    if folder not in sys.path:
+        sys.path.append(folder)
+    try:
+        _run_file(path) if given.endswith(".py") else importlib.import_module(given)
+    except (TypeError, ValueError, SyntaxError, NameError, AttributeError) as problem:
+        raise ImportError(f"{given}: {problem} (--debug shows where)") from problem
+
+
+def _run_file(path: Path) -> None:
+    """A file as a module of its name, which no other may have."""
+    known = sys.modules.get(path.stem)
+    if known is not None and getattr(known, "__file__", None) != str(path.resolve()):
+        raise ImportError(f'{path} has the name of another module, "{path.stem}": rename the file')
+    spec = importlib.util.spec_from_file_location(path.stem, path.resolve())
     assert spec is not None and spec.loader is not None
     sys.modules[path.stem] = module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)

@@ -64,13 +64,25 @@ class RigidBody:
     def properties(self) -> tuple[float, np.ndarray, np.ndarray]:
         """Mass [kg], centre of mass (3,) [m] in the shape's frame, inertia per mass about it (3, 3) [m^2]."""
         volume, center, inertia = self.shape.mass_properties()
+        weighed = self.mass is not None or (np.isfinite(volume) and volume > 0)
+        turned = self.inertia is not None or _definite(np.asarray(inertia))
+        if not (weighed and turned and np.shape(center) == (3,)):
+            raise SceneError(
+                f'the shape of "{self.label}", {type(self.shape).__name__}, has mass_properties that no solid has: '
+                "give a volume above 0 [m^3], a centre (3,) [m], and an inertia per mass (3, 3) [m^2], symmetric and "
+                "positive definite"
+            )
         mass = float(self.mass if self.mass is not None else self.density * volume)
         return mass, center, inertia if self.inertia is None else np.asarray(self.inertia, float) / mass
 
     def _check_inertia(self) -> None:
         if self.inertia is None:
             return
-        inertia = np.asarray(self.inertia, float)
-        good = inertia.shape == (3, 3) and np.isfinite(inertia).all() and np.allclose(inertia, inertia.T)
-        if not good or np.linalg.eigvalsh(inertia).min() <= 0:
+        if not _definite(np.asarray(self.inertia, float)):
             raise SceneError(f'inertia of "{self.label}" must be a symmetric positive definite (3, 3) matrix in kg m^2')
+
+
+def _definite(inertia: np.ndarray) -> bool:
+    """Whether it is a symmetric positive definite (3, 3) matrix."""
+    good = inertia.shape == (3, 3) and np.isfinite(inertia).all() and np.allclose(inertia, inertia.T)
+    return bool(good and np.linalg.eigvalsh(inertia).min() > 0)

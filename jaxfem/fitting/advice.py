@@ -11,6 +11,7 @@ from jaxfem.fitting.unknowns import Unknowns, is_delay
 from jaxfem.materials.constants import Constant
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.model import Model, Params, element_stiffness
+from jaxfem.schemes import scheme_damping
 
 
 def advice(
@@ -58,20 +59,23 @@ def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
 def _scheme_damping(
     model: Model, unknowns: Unknowns, z: np.ndarray, measured: Measurement, simulated: np.ndarray, dt: float
 ) -> list[str]:
-    """Backward Euler damps a mode by the ratio omega dt / 2, the material by omega beta / 2."""
+    """The scheme damps a mode by a ratio of its own (backward Euler omega dt / 2), the material by omega beta / 2."""
     viscous = [each for each in unknowns.constants if each.viscous]
     if model.scheme.order > 1 or not viscous:
         return []
     damping = unknowns.values(z)[viscous[0].name]
     frequency = ringing_frequency(measured.times, simulated)
-    if dt < 0.5 * damping or frequency == 0:
+    if frequency == 0:
         return []
-    own, material = (np.pi * frequency * time for time in (dt, damping))
+    own, material = float(scheme_damping(model.scheme, 2 * np.pi * frequency, dt)), np.pi * frequency * damping
+    alike = own / (np.pi * frequency)  # s; a material's damping that is as strong
+    if alike <= 0.5 * damping:
+        return []
     return [
         f"at the ringing frequency of {frequency:.3g} Hz the time step of {dt:.3g} s by itself damps with ratio "
-        f"{own:.2g} (omega dt / 2), the fitted damping of {damping:.3g} s with {material:.2g}: the fitted value holds "
-        f"for this step only, and the material's is nearer to {damping + dt:.3g} s. Take more substeps, to a step "
-        f"below {0.1 * (damping + dt):.1g} s"
+        f"{own:.2g} (backward Euler: omega dt / 2), the fitted damping of {damping:.3g} s with {material:.2g}: the "
+        f"fitted value holds for this step only, and the material's is nearer to {damping + alike:.3g} s. Take more "
+        f"substeps, to a step below {0.1 * (damping + alike) * dt / alike:.1g} s"
     ]
 
 

@@ -17,6 +17,8 @@ Array = jax.Array
 
 MOST_LISTED = 24
 """Paths that a message lists."""
+MARGIN = 1e-3
+"""Of the way from the start to an end of what is admissible: how far usual bounds stay clear of it."""
 DELAY = Constant(
     "delay", "s", "must be a time in s", label="delay", transform=Identity(), bounds=(-3.0, 3.0), absolute=True
 )
@@ -148,9 +150,21 @@ def _usual_bounds(constant: Constant, start: float, spacing: float) -> tuple[flo
     if constant.absolute:
         return low, high
     if not constant.transform.proportional:  # of either sign: about the start
-        size = max(abs(start), 1.0)
-        return start + size * low, start + size * high
-    return start * low, start * high
+        size = max(abs(start), 1.0) * max(abs(low), abs(high))
+        low, high = start - size, start + size
+    else:
+        low, high = start * low, start * high
+    return _admissible(constant, start, low, high)
+
+
+def _admissible(constant: Constant, start: float, low: float, high: float) -> tuple[float, float]:
+    """Usual bounds within what is admissible."""
+    ends = constant.low, constant.high
+    if low <= ends[0]:
+        low = ends[0] + MARGIN * (start - ends[0])
+    if high >= ends[1]:
+        high = ends[1] - MARGIN * (ends[1] - start)
+    return low, high
 
 
 def _check_bounds(constant: Constant, pair: Any) -> None:

@@ -106,7 +106,10 @@ def computed(
                 f"{counts[field.on]} {field.on}s"
             )
     if asked is None:
-        return found | inside(model, params, state, whole)
+        within = inside(model, params, state, whole)
+        if twice := sorted(found.keys() & within.keys()):
+            raise ValueError(f'the field "{twice[0]}" is there already: give yours another name')
+        return found | within
     others = [name for name in asked if name not in FIELDS]
     within = inside(model, params, state, True) if others else {}
     for name in others:

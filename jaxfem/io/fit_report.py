@@ -204,7 +204,3 @@ def _provenance(result: FitResult, files: Mapping[str, Path], settings: Mapping[
         f"<tr><td>{html.escape(name)}</td><td><code>{html.escape(text)}</code></td></tr>" for name, text in rows.items()
     )
     return f'<table id="provenance">{cells}</table>'
-
-
-def _hash(path: Path) -> str:
-    return hashlib.sha256(path.read_bytes()).hexdigest()

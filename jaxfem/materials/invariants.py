@@ -66,11 +66,3 @@ def _second(a: Matrix3) -> Array:
 
 def _squares(a: Matrix3) -> Array:
     return sum((a[i][j] * a[i][j] for i in range(3) for j in range(3)), start=jnp.zeros_like(a[0][0]))
-
-
-def uniaxial_incompressible(slopes: tuple[Array, Array], stretch: Array) -> Array:
-    """Engineering stress of a bar that keeps its volume, pulled to `stretch`; `slopes`: dW/dI1 and dW/dI2 there.
-
-    2 (s - 1/s^2) (W_1 + W_2 / s)   (Rivlin 1948).
-    """
-    return 2 * (stretch - stretch**-2) * (slopes[0] + slopes[1] / stretch)

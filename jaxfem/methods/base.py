@@ -76,6 +76,11 @@ class Method(abc.ABC):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if "__init__" in cls.__dict__:
+            raise TypeError(
+                f"{cls.__name__} has an __init__ of its own: declare its numbers as fields of a frozen dataclass, by "
+                "which compiled programs tell methods apart"
+            )
         if {"step", "solve"} & {*cls.__dict__}:
             cls.as_it_is = cls.__dict__.get("as_it_is", False)
         if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's

@@ -17,6 +17,7 @@ class BackwardEuler(Scheme):
     rigid: ClassVar[bool] = True
     restarts: ClassVar[bool] = False
     straight: ClassVar[bool] = True
+    lanes: ClassVar[bool] = True
 
     def stage(self, state: Moving, prescribed: Array, free: Array, dt: Array) -> Stage:
         """The end of the step."""

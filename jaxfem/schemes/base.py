@@ -84,7 +84,8 @@ class Scheme(Pytree):
     rigid bodies, which themselves always move by the rule of backward Euler. `restarts`: whether a step in which
     something strikes has to be one of backward Euler for the bodies struck, whose accelerations then start anew.
     `straight`: whether positions move along the new velocities; then free bodies keep their angular momentum (see
-    `system/momentum.py`).
+    `system/momentum.py`). `lanes`: whether `stage` and `advance` also take nodes (n, 3, lanes), with `free` (n, 1, 1)
+    and `dt` (lanes,), as sweeps on processors have them; who defines either anew says so anew.
     """
 
     name: ClassVar[str]
@@ -92,14 +93,19 @@ class Scheme(Pytree):
     rigid: ClassVar[bool] = False
     restarts: ClassVar[bool] = True
     straight: ClassVar[bool] = False
+    lanes: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if {"stage", "advance"} & {*cls.__dict__}:
+            cls.lanes = cls.__dict__.get("lanes", False)
         if not isinstance(cls.__dict__.get("name"), str):  # a base of others
             return
         for needed in ("stage", "advance"):
             if getattr(cls, needed) is getattr(Scheme, needed):
                 raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has no `{needed}`: define it')
+        if not isinstance(getattr(cls, "order", None), int):
+            raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) does not say its `order`: give an integer')
         SCHEMES.add(cls.name, cls)
 
     def check(self) -> None:
@@ -119,7 +125,7 @@ class Scheme(Pytree):
 
     def slope(self, turn: Array) -> Array:
         """u = (z - 1) / turn, complex, for the eigenvalue z of a step dt on an undamped mode with `turn` = omega dt."""
-        raise NotImplementedError
+        raise NotImplementedError(f'the time scheme "{self.name}" does not tell its damping: define `slope`')
 
 
 SCHEMES: Registry["Scheme"] = Registry("time scheme")

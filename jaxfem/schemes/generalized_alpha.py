@@ -37,6 +37,7 @@ class GeneralizedAlpha(Scheme):
 
     name: ClassVar[str] = "generalized_alpha"
     order: ClassVar[int] = 2
+    lanes: ClassVar[bool] = True
 
     @property
     def numbers(self) -> Numbers:

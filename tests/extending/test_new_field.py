@@ -6,7 +6,7 @@ import pytest
 import jaxfem as jf
 from jaxfem.elements.tetra import deformation_gradient
 from jaxfem.io.export import FrameWriter
-from jaxfem.io.fields import FIELDS, frame_field
+from jaxfem.io.fields import FIELDS, computed, frame_field
 from jaxfem.io.reading import read_frames
 from jaxfem.tensors import determinant
 
@@ -31,3 +31,15 @@ def test_frames_hold_it(volume_change, tmp_path):
     np.testing.assert_allclose(frame.displacement, 0.1 * np.asarray(state.positions), atol=1e-7)
     with pytest.raises(AttributeError, match="no field 'pressure'"):
         _ = frame.pressure
+
+
+def test_a_name_that_a_tensor_has_is_refused(tmp_path):
+    model, params, state = jf.build(
+        jf.Scene([jf.SoftBody(jf.mesh.box((1, 1, 1), 1), young=1e5, poisson=0.3, density=1e3)])
+    )
+    frame_field("strain", "", "element")(lambda model, params, state: model.elements.volumes)
+    try:
+        with pytest.raises(ValueError, match='the field "strain" is there already'):
+            computed(model, params, state, True)
+    finally:
+        del FIELDS["strain"]

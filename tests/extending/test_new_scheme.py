@@ -103,3 +103,12 @@ def test_derivatives_go_through_it():
         return jnp.sum(states.positions[-1, :, 2])
 
     check(place, (1.0, 0.1))
+
+
+def test_sweeps_take_it_one_by_one_unless_it_knows_of_lanes():
+    """Its `stage` and `advance` may look along the last axis, which is that of the variants with lanes last."""
+    scene = beam("midpoint")
+    options = {"outputs": {"x": "positions"}, "dt": 1e-2, "steps": 1}
+    with pytest.raises(jf.sweeping.SweepError, match='takes schemes that know of lanes, not "midpoint"'):
+        jf.sweep(*scene, {"young": np.array([1e5, 2e5])}, engine="lanes", **options)
+    assert SCHEMES["backward_euler"].made.lanes and not type("Own", (Midpoint,), {"advance": None}).lanes

@@ -16,6 +16,7 @@ from jaxfem.inputs import Vector, takes
 from jaxfem.io.fields import FIELDS, computed, frame_field
 from jaxfem.loads import FacePressure
 from jaxfem.materials.base import LAWS
+from jaxfem.materials.constants import Constant
 from jaxfem.methods import Condensed, ImplicitRotations
 from jaxfem.rows.locks import PointLock
 from jaxfem.schemes import GeneralizedAlpha, Scheme
@@ -200,3 +201,45 @@ def test_the_command_line_imports_ones_own_file_and_a_constant_may_not_hide_a_ke
         LAWS.remove("stiff_of_a_file")
     assert main(["simulate", scene, f"--import={tmp_path / 'none.py'}"]) == 2
     assert "none.py" in capsys.readouterr().err
+
+
+def test_a_file_that_cannot_be_imported_is_named(tmp_path, capsys):
+    (tmp_path / "json.py").write_text("x = 1")
+    (tmp_path / "wrong.py").write_text("raise TypeError('no stage')")
+    (tmp_path / "one_beside_it.py").write_text("VALUE = 3")
+    (tmp_path / "with_a_neighbour.py").write_text("import one_beside_it")
+    scene = tmp_path / "scene.toml"
+    scene.write_text(SCENE)
+    for given, text in (("json.py", "has the name of another module"), ("wrong.py", "wrong.py: no stage")):
+        assert main(["--import", str(tmp_path / given), "simulate", str(scene)]) == 2
+        assert text in capsys.readouterr().err
+    assert main(["simulate", str(scene), "--import"]) == 2
+    assert "--import needs a module" in capsys.readouterr().err
+    assert main(["--import", str(tmp_path / "with_a_neighbour.py"), "simulate", str(scene)]) == 2
+    assert "'material' in [[body]] 1" in capsys.readouterr().err
+
+
+def test_names_that_sweeps_have_for_other_things_are_no_constants():
+    class Timed(jf.Material):
+        constants = (Constant("dt", "s", "must be > 0 s", low=0.0),)
+
+        def stiffness(self, values):
+            return values["dt"], values["dt"]
+
+    with pytest.raises(jf.SceneError, match="calls a constant 'dt', which is something else in params"):
+        jf.build(jf.Scene([jf.SoftBody(jf.mesh.box((1, 1, 1), 1), material=Timed(dt=1.0), density=1e3)]))
+
+
+def test_a_method_with_an_init_of_its_own_is_refused():
+    """Compiled programs tell methods apart by their fields: others would be shared."""
+    with pytest.raises(TypeError, match="Hidden has an __init__ of its own"):
+        type("Hidden", (Condensed,), {"name": None, "__init__": lambda self, share: None})
+
+
+def test_a_shape_whose_solid_is_none_is_refused():
+    class Flat(jf.Sphere):
+        def mass_properties(self):
+            return 1.0, np.zeros(3), np.zeros((3, 3))
+
+    with pytest.raises(jf.SceneError, match=r'the shape of "flat", Flat, has mass_properties that no solid has'):
+        jf.build(jf.Scene([jf.RigidBody(Flat(0.1), mass=1.0)]))

@@ -41,6 +41,7 @@ class LanesLast(Engine):
             "takes lumped masses": not is_diagonal(model.mass),
             "takes the nearest rotation": not has_energy(model.rotation),
             f'takes methods that solve the step as it is, not "{model.method.name}"': not solves_as_it_is(model.method),
+            f'takes schemes that know of lanes, not "{model.scheme.name}"': not model.scheme.lanes,
             "keeps no account of energy": state.account is not None,
             "takes no failed step again": task.halvings > 0,
             "takes scenes of build, not of rebuild": model.reshaped,
