@@ -108,11 +108,12 @@ class CreepPlastic(Material, word="creep_plastic"):
     def counts(
         self, values: Values, before: Array, after: Array, strain: Array, dt: Array, rows: slice
     ) -> dict[str, Array]:
-        """Domains that flowed, and those at the edge of yield, to rounding: derivatives are one-sided there."""
+        """Domains that flowed, and apart from them those at the edge of yield, to rounding: derivatives are one-sided
+        there."""
         size = norm(self._elastic(before, strain))
         edge = EDGE * jnp.finfo(size.dtype).eps * (1 + size)
         at_yield = (jnp.abs(size - values["yield_strain"]) <= edge) & (values["yield_strain"] > 0)
-        return {"flowing": jnp.sum(jnp.any(after != before, axis=0)), "at_yield": jnp.sum(at_yield)}
+        return {"flowing": jnp.sum(jnp.any(after != before, axis=0) & ~at_yield), "at_yield": jnp.sum(at_yield)}
 
     def tensors(self, values: Values, internal: Array, strain: Array, rows: slice) -> dict[str, Array]:
         """The plastic strain."""
