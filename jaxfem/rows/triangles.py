@@ -14,7 +14,7 @@ def nearest_triangle(
 
     Of triangles about equally near, one that looks against `outward` (m, 3) is taken, where that is given.
     The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
-    Beyond an edge or a corner that triangles share, the normal is the mean of theirs.
+    Close to an edge or a corner that triangles share, and beyond it, the normal is the mean of theirs.
     """
     fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
     squares = _square_distances(fixed_points, fixed_nodes[triangles])
@@ -26,7 +26,10 @@ def nearest_triangle(
     first, second, third = (nodes[triangles[:, :, i]] for i in range(3))
     across = jnp.cross(second - first, third - first)
     own = jnp.take_along_axis(across, nearest[:, :, None], axis=1)
-    alike = tied & (jnp.sum(across * own, -1) > ALIKE * _length(across) * _length(own))
+    alike = tied & (jnp.min(squares, axis=1) < ASIDE**2 * _length(own[:, 0]))[:, None]
+    if outward is not None:  # of those that the body meets, one face's
+        alike = alike & (jnp.sum(across * own, -1) > ALIKE * _length(across) * _length(own))
+    alike = alike | (jnp.arange(tied.shape[1]) == nearest)
     normal = jnp.sum(jnp.where(alike[:, :, None], across, 0), axis=1)
     weights = _held(_weights(points, *(nodes[chosen[:, i]] for i in range(3))))
     return chosen, weights, normal / _length(normal)[:, None]
