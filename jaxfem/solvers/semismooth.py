@@ -8,7 +8,7 @@ Both converge from anywhere. The share starts near one, where many rows change i
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -18,12 +18,12 @@ from jaxfem.solvers import trees
 from jaxfem.solvers.anderson import History, accelerated, empty
 from jaxfem.solvers.box import where_at
 from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.row_terms import Blocks, Bounds, RowOperator, RowTerms
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
-Blocks = tuple[Array, ...]
-Bounds = tuple[tuple[Array | None, ...], tuple[Array | None, ...]]
 Operator = Callable[[Array], Array]
+Follow = Callable[[Blocks, Blocks], Bounds]
 
 START, SHARPER, SHARPEST = 0.3, 0.1, 1e-3
 """The first share of compliance, the factor by which it falls each time that the active set has settled, its end."""
@@ -31,73 +31,16 @@ FORCING, CLOSE = 0.1, 1e-2
 """Relative residual of a Newton step's linear solve, while the active set changes and once it is the last step's."""
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
+REST = 0.7
+"""Of the residual at which the search ends: what a linear solve may leave."""
 MOST_TRIPS = 400
 WORSE = 5.0
 """Growth of the rows' violation at which an accelerated move is taken back."""
 
 
-class RowOperator(Protocol):
-    """J of one kind of rows."""
-
-    def apply(self, velocities: Array) -> Array:
-        """J x."""
-
-    def apply_transpose(self, impulses: Array) -> Array:
-        """J' lam."""
-
-
-class RowTerms(Pytree):
-    """What goes with J, an entry a kind of rows: `slack` c - J x at the start, `compliance` C, bounds `lower` and
-    `upper` (None: unbounded), `start` impulses, `local` compliance of the rows' own nodes, diag(J D^-1 J') with D the
-    quadratic's diagonal blocks, `active`: masks (None: all) outside of which rows are left out."""
-
-    slack: Blocks
-    compliance: Blocks
-    lower: tuple[Array | None, ...]
-    upper: tuple[Array | None, ...]
-    start: Blocks
-    local: Blocks
-    active: tuple[Array | None, ...]
-
-    def softened(self, share: Array) -> Blocks:
-        """Compliance of at least `share` of the nodes' own."""
-        soft = (jnp.maximum(c, share * w) for c, w in zip(self.compliance, self.local, strict=True))
-        return tuple(jnp.where(q > 0, q, 1) for q in soft)
-
-    def within(self, bounds: "Bounds") -> "RowTerms":
-        """The same with other bounds."""
-        return self.replace(lower=bounds[0], upper=bounds[1])
-
-    def raw(self, slack: Blocks, centre: Blocks, soft: Blocks) -> Blocks:
-        """Impulses without bounds, (slack + (soft - C) centre) / soft."""
-        rows = zip(slack, centre, soft, self.compliance, strict=True)
-        return tuple((s + (q - c) * z) / q for s, z, q, c in rows)
-
-    def bounded(self, raw: Blocks) -> Blocks:
-        """The nearest impulses within the bounds; zero for rows left out."""
-        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
-        clipped = ((r if low is None else jnp.clip(r, low, up), on) for r, low, up, on in rows)
-        return tuple(r if on is None else jnp.where(on, r, 0) for r, on in clipped)
-
-    def free(self, raw: Blocks) -> Blocks:
-        """Masks of the rows strictly within their bounds."""
-        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
-        inside = (
-            (jnp.ones(r.shape, bool) if low is None or up is None else (low < r) & (r < up), on)
-            for r, low, up, on in rows
-        )
-        return tuple(mask if on is None else mask & on for mask, on in inside)
-
-    def violation(self, slack: Blocks, impulses: Blocks) -> Blocks:
-        """By how much impulses are off, each row taken alone: lam - clip(lam + (slack - C lam) / (local + C))."""
-        rows = zip(impulses, slack, self.compliance, self.local, strict=True)
-        wished = tuple(z + (s - c * z) / (w + c) for z, s, c, w in rows)
-        return trees.minus(impulses, self.bounded(wished))
-
-
-class _State(Pytree):
-    """`centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and violation that the last move
-    not taken back started from."""
+class Search(Pytree):
+    """How far a search has come. `centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and
+    violation that the last move not taken back started from."""
 
     step: Array
     gradient: Array
@@ -115,6 +58,16 @@ class _State(Pytree):
     status: Array
 
 
+class Heading(Pytree):
+    """What a Newton step starts from: softened compliance `soft`, the `stiffness` of the rows in play, the right side
+    `right`, and the relative residual `depth` to which it is solved."""
+
+    soft: Blocks
+    stiffness: Blocks
+    right: Array
+    depth: Array
+
+
 def minimize_with_rows(
     matvec: Operator,
     gradient: Array,
@@ -125,7 +78,7 @@ def minimize_with_rows(
     tol: Any,
     max_iterations: Any,
     absolute: Any = 0.0,
-    follow: Callable[[Blocks, Blocks], Bounds] | None = None,
+    follow: Follow | None = None,
     stiffened: Callable[[Blocks], Operator] | None = None,
     sharpest: float = SHARPEST,
 ) -> tuple[Array, Blocks, SolveInfo]:
@@ -143,6 +96,25 @@ def minimize_with_rows(
     the share of compliance ends; near one where the preconditioner bears stiff rows badly.
     No derivative rule. vmap-safe: a lane that has arrived stays as it is.
     """
+    first, target, scale = started(rows, terms, gradient, tol, absolute)
+
+    def trip(s: Search) -> Search:
+        s, heading = headed(rows, terms, target, s, follow, sharpest)
+        limit = max_iterations - s.iteration
+        precondition = preconditioner(heading.stiffness)
+        hessian = _with_penalty(matvec, rows, heading.stiffness) if stiffened is None else stiffened(heading.stiffness)
+        rest, depth = REST * target, heading.depth
+        step, info = pcg(hessian, heading.right, precondition, tol=depth, max_iterations=limit, absolute=rest)
+        return moved(rows, terms, heading, s, step, matvec(step), info)
+
+    last = jax.lax.while_loop(lambda s: unfinished(s, max_iterations), trip, first)
+    return last.step, *finished(terms, last, scale, follow)
+
+
+def started(
+    rows: Sequence[RowOperator], terms: RowTerms, gradient: Array, tol: Any, absolute: Any
+) -> tuple[Search, Array, Array]:
+    """The search before its first trip, the residual at which it ends, and what that is relative to."""
     none = trees.zeros(terms.start)
     scale = jnp.sqrt(trees.dot(gradient, gradient) + _size(rows, terms.violation(terms.slack, none)) ** 2)
     target = jnp.maximum(tol * scale, absolute)
@@ -151,44 +123,62 @@ def minimize_with_rows(
     start = terms.bounded(terms.start)
     bounds = terms.lower, terms.upper
     moves = empty(start), start, jnp.inf * one
-    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
+    first = Search(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
+    return first, target, scale
 
-    def running(s: _State) -> Array:
-        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
-        return more
 
-    def trip(s: _State) -> _State:
-        before = s.free
-        s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
-        stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
+def unfinished(s: Search, max_iterations: Any) -> Array:
+    """Whether a search goes on."""
+    more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
+    return more
 
-        going = s.status == Status.ITERATION_LIMIT
-        right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
-        limit = max_iterations - s.iteration
-        precondition = preconditioner(stiffness)
-        hessian = _with_penalty(matvec, rows, stiffness) if stiffened is None else stiffened(stiffness)
-        depth = jnp.where(_same(free, before), CLOSE, FORCING)
-        step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
-        change, along = matvec(step), tuple(each.apply(step) for each in rows)
-        length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
-        moved = s.replace(
-            step=s.step + length * step,
-            gradient=s.gradient + length * change,
-            slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
-            iteration=s.iteration + info.iterations,
-            trips=s.trips + 1,
-            status=jnp.where(going, info.status, s.status),
-        )
-        # A solve that converged has only made a step; one that did not ends the loop with its status.
-        again = going & (info.status == Status.CONVERGED)
-        return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
 
-    last = jax.lax.while_loop(running, trip, first)
+def headed(
+    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: Search, follow: Follow | None, sharpest: float
+) -> tuple[Search, Heading]:
+    """The first half of a trip: the search judged, its centre moved where it must be, and what to solve for next."""
+    before = s.free
+    s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
+    stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
+    going = s.status == Status.ITERATION_LIMIT
+    right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
+    depth = jnp.where(_same(free, before), CLOSE, FORCING).astype(right.dtype)
+    return s, Heading(soft, stiffness, right, depth)
+
+
+def moved(
+    rows: Sequence[RowOperator],
+    terms: RowTerms,
+    heading: Heading,
+    s: Search,
+    step: Array,
+    change: Array,
+    info: SolveInfo,
+) -> Search:
+    """The second half: the search moved along the `step` that was solved for, `change` = S step, as far as it pays."""
+    going = s.status == Status.ITERATION_LIMIT
+    along = tuple(each.apply(step) for each in rows)
+    length = jnp.where(going, _exact_length(terms.within(s.bounds), heading.soft, s, step, change, along), 0)
+    further = s.replace(
+        step=s.step + length * step,
+        gradient=s.gradient + length * change,
+        slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
+        iteration=s.iteration + info.iterations,
+        trips=s.trips + 1,
+        status=jnp.where(going, info.status, s.status),
+    )
+    # A solve that converged has only made a step; one that did not ends the loop with its status.
+    again = going & (info.status == Status.CONVERGED)
+    return further.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), further.status).astype(jnp.int32))
+
+
+def finished(terms: RowTerms, last: Search, scale: Array, follow: Follow | None) -> tuple[Blocks, SolveInfo]:
+    """Impulses at the end of a search, and how it went."""
     impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
     if follow is not None:
         impulses = _snapped(impulses, last.bounds, follow(impulses, last.slack))
     relative = last.residual / jnp.where(scale > 0, scale, 1)
-    return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
+    return impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
 
 
 def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Blocks) -> Operator:
@@ -205,10 +195,10 @@ def _settle(
     rows: Sequence[RowOperator],
     terms: RowTerms,
     target: Array,
-    s: _State,
-    follow: Callable[[Blocks, Blocks], Bounds] | None,
+    s: Search,
+    follow: Follow | None,
     sharpest: float,
-) -> tuple[_State, Blocks, Blocks, Blocks]:
+) -> tuple[Search, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
     Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
@@ -222,7 +212,7 @@ def _settle(
     residual = jnp.sqrt(near**2 + far**2)
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
-    moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
+    moving = (near <= jnp.maximum(0.5 * far, REST * target)) & (status == Status.ITERATION_LIMIT)
     share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
     # An accelerated move (the second that is known, or later) that made matters worse is taken back.
     worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
@@ -263,7 +253,7 @@ def _snapped(impulses: Blocks, old: Bounds, new: Bounds) -> Blocks:
     return tuple(placed(*each) for each in zip(impulses, *old, *new, strict=True))
 
 
-def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change: Array, along: Blocks) -> Array:
+def _exact_length(terms: RowTerms, soft: Blocks, s: Search, step: Array, change: Array, along: Blocks) -> Array:
     """The minimiser t of the penalty form along `step`: the root of a rising piecewise linear function.
 
     slope(t) = step' (gradient + t S step) - (J step)' lam(t); Newton's method on it, within a bracket.
