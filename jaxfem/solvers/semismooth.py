@@ -79,7 +79,7 @@ class RowTerms(Pytree):
         clipped = ((r if low is None else jnp.clip(r, low, up), on) for r, low, up, on in rows)
         return tuple(r if on is None else jnp.where(on, r, 0) for r, on in clipped)
 
-    def free(self, raw: Blocks) -> Blocks:
+    def inside(self, raw: Blocks) -> Blocks:
         """Masks of the rows strictly within their bounds."""
         rows = zip(raw, self.lower, self.upper, self.active, strict=True)
         inside = (
@@ -108,7 +108,7 @@ class _State(Pytree):
     far: Array
     bounds: Bounds
     share: Array
-    free: Blocks
+    inside: Blocks
     iteration: Array
     trips: Array
     residual: Array
@@ -149,25 +149,25 @@ def minimize_with_rows(
     one = jnp.ones((), gradient.dtype)
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
-    bounds = terms.lower, terms.upper
+    bounds, inside = (terms.lower, terms.upper), terms.inside(start)
     moves = empty(start), start, jnp.inf * one
-    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
+    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, inside, *counts)
 
     def running(s: _State) -> Array:
         more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
         return more
 
     def trip(s: _State) -> _State:
-        before = s.free
-        s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
-        stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
+        before = s.inside
+        s, soft, impulses, inside = _settle(rows, terms, target, s, follow, sharpest)
+        stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(inside, soft, strict=True))
 
         going = s.status == Status.ITERATION_LIMIT
         right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
         limit = max_iterations - s.iteration
         precondition = preconditioner(stiffness)
         hessian = _with_penalty(matvec, rows, stiffness) if stiffened is None else stiffened(stiffness)
-        depth = jnp.where(_same(free, before), CLOSE, FORCING)
+        depth = jnp.where(_same(inside, before), CLOSE, FORCING)
         step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
         change, along = matvec(step), tuple(each.apply(step) for each in rows)
         length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
@@ -211,11 +211,11 @@ def _settle(
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
-    Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
+    Returns the state, and what the next Newton step starts from: softened compliance, impulses, masks of rows inside.
     """
     soft = terms.softened(s.share)
     raw, old = terms.raw(s.slack, s.centre, soft), terms.within(s.bounds)
-    impulses, free = old.bounded(raw), old.free(raw)
+    impulses, inside = old.bounded(raw), old.inside(raw)
     wanted = s.bounds if follow is None else follow(impulses, s.slack)
     near = trees.norm(s.gradient - _push(rows, impulses))
     far = _size(rows, terms.within(wanted).violation(s.slack, impulses))
@@ -223,7 +223,7 @@ def _settle(
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
-    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
+    share = jnp.where(moving & _same(inside, s.inside), jnp.maximum(SHARPER * s.share, sharpest), s.share)
     # An accelerated move (the second that is known, or later) that made matters worse is taken back.
     worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
     kept = trees.where(share == s.share, s.history, empty(s.centre))
@@ -244,7 +244,7 @@ def _settle(
     )
     soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
-    return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
+    return settled.replace(inside=new.inside(raw)), soft, new.bounded(raw), new.inside(raw)
 
 
 def _same(a: Blocks, b: Blocks) -> Array:
@@ -274,7 +274,7 @@ def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change:
 
     def slope(t: Array) -> tuple[Array, Array]:
         raw = terms.raw(tuple(a - t * b for a, b in zip(s.slack, along, strict=True)), s.centre, soft)
-        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.free(raw), along, soft, strict=True))
+        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.inside(raw), along, soft, strict=True))
         value = constant + t * curvature - trees.dot(along, terms.bounded(raw))
         return value, curvature + trees.dot(along, stiff)
 
