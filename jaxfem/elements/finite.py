@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient, domain_material, domain_mean, row_means
-from jaxfem.materials.nonlinear import Nonlinear, is_nonlinear
+from jaxfem.materials.nonlinear import Nonlinear
 from jaxfem.materials.principal import slope_of, tangent_of
 from jaxfem.pytrees import Pytree
 from jaxfem.tensors import (
@@ -81,7 +81,7 @@ def law_of(domains: Domains) -> Nonlinear:
 def material_of(domains: Domains, values: Any) -> DomainMaterial:
     """The material of domains from the elements' `values`; with a nonlinear law its stiffness is that at rest."""
     material = domain_material(domains, values)
-    if not is_nonlinear(domains.law):
+    if domains.law.linear:
         return material
     own = {each.name: domain_mean(domains, values[each.name]) for each in domains.law.constants}
     return LawMaterial(material.volumetric, material.deviatoric, material.damping, None, own)
