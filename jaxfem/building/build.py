@@ -91,17 +91,21 @@ def build(
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    facts = Facts(
-        soft=bool(bodies),
+    state = state.replace(carry=first_carry(state))
+    return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
+
+
+def _facts(scene: Scene, model: Model) -> Facts:
+    """What decides which methods can serve a scene."""
+    return Facts(
+        soft=bool(scene.soft),
         rigid=bool(scene.rigid),
         tied=bool(model.joints or model.contacts),
-        mass=mass,
-        strains=tuple(dict.fromkeys(body.strain for body in bodies)),
-        scheme=made,
+        mass=model.mass,
+        strains=tuple(dict.fromkeys(body.strain for body in scene.soft)),
+        scheme=model.scheme,
         nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if not law.linear)),
     )
-    state = state.replace(carry=first_carry(state))
-    return with_method(Built(facts, model, params, state), asked, rotation_update, solver)
 
 
 def _scheme(scheme: str | Scheme, dtype: Any, numbers: dict[str, Any]) -> Scheme:
@@ -129,11 +133,7 @@ def _model(
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
     gradients, volumes = shape_gradients(points, cells)
     nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
-    driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
-    held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
-    _check_disjoint(driven)
-    free = np.ones(len(points))
-    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    free, driven = _supports(bodies, offsets)
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
@@ -171,6 +171,17 @@ def _model(
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
     )
+
+
+def _supports(bodies: Sequence[SoftBody], offsets: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """1 for each node (n,) that moves by its own dynamics, else 0; the nodes of each prescribed motion."""
+    pairs = list(zip(bodies, offsets[:-1], strict=True))
+    driven = [body.nodes_of("driven", each.nodes) + offset for body, offset in pairs for each in body.driven]
+    held = [body.nodes_of("fixed", body.fixed) + offset for body, offset in pairs]
+    _check_disjoint(driven)
+    free = np.ones(offsets[-1])
+    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    return free, driven
 
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:
