@@ -62,6 +62,10 @@ def with_account(model: Model, params: Params, state: State) -> State:
 
 def total_elastic_energy(model: Model, params: Params, positions: Array, internal: Any = None) -> Array:
     """Elastic energy of all bodies at `positions` (n, 3) [J]; `internal`: what their materials remember."""
+    own = model.method.elasticity(model, params, positions, jnp.zeros_like(positions))
+    if own is not None:
+        total: Array = own.energy
+        return total
     materials = resting_materials(model, params, internal)
     energy = elastic_energy(model.domains, positions, materials, model.rotation)
     return energy if internal is None else energy + beside_strain(model, params, internal)

@@ -79,6 +79,13 @@ class Method(Protocol):
     ) -> tuple[State, "StepInfo"]:
         """One step."""
 
+    @property
+    def own_elasticity(self) -> bool:
+        """Whether its elastic forces are its own, and not those of the materials on their elements."""
+
+    def elasticity(self, model: "Model", params: Params, positions: Array, rates: Array) -> Any:
+        """`energy`, `force` and `power` of those, None where they are the materials'."""
+
     def impulses(self, model: "Model", memory: Any) -> dict[str, Array]:
         """The impulses of the last step by the names of their groups of rows, as far as the memory holds them."""
 

@@ -97,6 +97,8 @@ class SoftBody:
                 f'material of "{label}" is {self.material!r}; give a law with its values, like Linear(young=2e5, '
                 "poisson=0.3)"
             )
+        if self.material is not None:
+            refuse_traced(dict(self.material.values), type(self.material).__name__)
         short = [each.name for each in Linear.constants if getattr(self, each.name) is not None]
         if self.material is not None and short:
             raise MaterialError(

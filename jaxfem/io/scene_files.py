@@ -163,13 +163,19 @@ def _solver(top: Table) -> tuple[Table, str | Method]:
         if name in SOLVER_KEYS:
             raise SceneFileError(f'the method "{word}" calls a setting {name!r}, a key of every [solver]: rename it')
     solver = top.table("solver", (*SOLVER_KEYS, *settings), "[solver]")
-    given = {name: solver.get(name) for name in settings if name in solver}
+    return solver, read_method(solver, word)
+
+
+def read_method(table: Table, word: str) -> str | Method:
+    """The method `word`: as it is, or with the settings of its own that the table gives the object."""
+    settings = method_settings(word)
+    given = {name: table.get(name) for name in settings if name in table}
     for name, value in given.items():
         if isinstance(value, dict | list):
-            raise solver.wrong(name, "a number, a word, or true or false")
+            raise table.wrong(name, "a number, a word, or true or false")
         if isinstance(settings[name], bool) != isinstance(value, bool):
-            raise solver.wrong(name, "true or false" if isinstance(settings[name], bool) else "a number or a word")
-    return solver, METHODS[word].made(**given) if given else word
+            raise table.wrong(name, "true or false" if isinstance(settings[name], bool) else "a number or a word")
+    return METHODS[word].made(**given) if given else word
 
 
 def _scene(top: Table, folder: Path, gravity: Any, finer: bool = False) -> Scene:

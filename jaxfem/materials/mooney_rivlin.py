@@ -1,16 +1,17 @@
 """Mooney-Rivlin elasticity: rubber at moderate strain, linear in both invariants."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
-import numpy as np
 
 from jaxfem.materials.base import Pair, Values
-from jaxfem.materials.constants import Constant, MaterialError, Signed
+from jaxfem.materials.constants import Constant, Signed
 from jaxfem.materials.invariants import first_of_shape, second_of_shape
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import stiffness_of_shear
 from jaxfem.materials.nonlinear import Nonlinear
+from jaxfem.ranges import Range
 from jaxfem.tensors import Matrix3
 
 Array = jax.Array
@@ -33,6 +34,7 @@ C01 = Constant(
     bounds=(-1e7, 1e7),
     absolute=True,
 )
+HALF_SHEAR = Range(low=0.0, open_low=True, advice="must be > 0 Pa: half the shear modulus")
 
 
 class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
@@ -46,8 +48,10 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
 
     def __init__(self, c10: Any = None, c01: Any = None, poisson: Any = None, damping: Any = None):
         super().__init__(c10=c10, c01=c01, poisson=poisson, damping=damping)
-        if np.any(np.asarray(self.values["c10"], float) + np.asarray(self.values["c01"], float) <= 0):
-            raise MaterialError("c10 + c01 must be > 0 Pa: half the shear modulus")
+
+    def combined(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
+        """Half the shear modulus."""
+        return {"c10 + c01": (values["c10"] + values["c01"], HALF_SHEAR)}
 
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""

@@ -69,6 +69,15 @@ class Solved(Pytree):
     info: SolveInfo
 
 
+class Elasticity(NamedTuple):
+    """What a method has in place of the laws' elasticity: `energy` () [J] stored, `force` (n, 3) [N] on the nodes, that
+    of its damping in it, and the `power` () [W] that damping takes."""
+
+    energy: Array
+    force: Array
+    power: Array
+
+
 @dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
 class Method(abc.ABC):
     """A way to solve a step: see the head of this file. `name`: its word in `build` and in scene files.
@@ -127,6 +136,16 @@ class Method(abc.ABC):
         """The first `State.memory`."""
         return None
 
+    def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity | None:
+        """What its bodies store and lose at `positions` and their `rates` (n, 3) [m, m/s], where that is not what the
+        laws on their elements do, but the method's own: energies then tell it, statics and modes refuse."""
+        return None
+
+    @property
+    def own_elasticity(self) -> bool:
+        """Whether it has such."""
+        return type(self).elasticity is not Method.elasticity
+
     @abc.abstractmethod
     def step(
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
@@ -136,6 +155,16 @@ class Method(abc.ABC):
     def impulses(self, model: Model, memory: Any) -> OrderedDict[str, Array]:
         """Impulses of the last step by the names of their groups of rows, as far as the `memory` holds them."""
         return OrderedDict()
+
+
+def refused_elasticity(model: Model) -> str | None:
+    """Why what tells of the laws' elasticity cannot serve a scene, or None."""
+    if not model.method.own_elasticity:
+        return None
+    return (
+        f'takes the materials\' laws on their elements, and the method "{model.method.name}" has forces of its own in '
+        'their place: build with solver="condensed" for that, or take steps with damping until it rests'
+    )
 
 
 def solves_as_it_is(method: Any) -> bool:

@@ -160,3 +160,12 @@ def check_linear(model: Model) -> None:
             raise CannotServe(
                 f'takes linear elastic bodies alone, and "{name}" is of {type(law).__name__}: use "condensed" for that'
             )
+
+
+def check_polar(model: Model) -> None:
+    """CannotServe where bodies ask for rotations that a method without any of elements would leave out in silence."""
+    if model.rotation != "polar":
+        raise CannotServe(
+            f'knows no rotations of elements, and the bodies ask for rotation = "{model.rotation}": leave it out, or '
+            'use "assembled" or "condensed" for it'
+        )

@@ -120,7 +120,7 @@ def _rollout(
     cache = cached(model, params, state, dt)  # made once for all steps
 
     taken = (model, params, dt, forces, cache, given)
-    one = _one(*taken) if tries is None else one_that_ends(*taken, tries)
+    one = one_step(*taken) if tries is None else one_that_ends(*taken, tries)
     carried = state if tries is None else (state, jnp.int32(0))
 
     def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
@@ -141,7 +141,7 @@ def _rollout(
     return together
 
 
-def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array) -> Any:
+def one_step(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array) -> Any:
     """A step as a scan's body; `given`: the status of the numbers that all steps are given."""
 
     def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
