@@ -62,9 +62,7 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
         end = float(np.max(-c01 / c10))
         if end < EARLY:
             return ()
-        return (
-            f"gives way where it is pressed to {end:.3g} of its length, as c01 is negative: check its sign",
-        )
+        return (f"gives way where it is pressed to {end:.3g} of its length, as c01 is negative: check its sign",)
 
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""

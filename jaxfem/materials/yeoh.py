@@ -66,8 +66,8 @@ class Yeoh(Nonlinear, word="yeoh"):
         if not found:
             return ()
         return (
-            f"holds up to a stretch of {min(found):.3g} alone, where c1 + 2 c2 x + 3 c3 x^2 falls to zero (silicones: 5 "
-            "or more): check signs and units of c2 and c3",
+            f"holds up to a stretch of {min(found):.3g} alone, where c1 + 2 c2 x + 3 c3 x^2 falls to zero (silicones: "
+            "5 or more): check signs and units of c2 and c3",
         )
 
     def stiffness(self, values: Values) -> Pair:
