@@ -1,6 +1,4 @@
-"""What bounded rows add to a quadratic: their slack, compliance and bounds, and the impulses that follow from them."""
-
-from typing import Protocol
+"""Bounded rows as semismooth Newton sees them: their numbers beside J, and what follows from slack and centre alone."""
 
 import jax
 import jax.numpy as jnp
@@ -11,16 +9,6 @@ from jaxfem.solvers import trees
 Array = jax.Array
 Blocks = tuple[Array, ...]
 Bounds = tuple[tuple[Array | None, ...], tuple[Array | None, ...]]
-
-
-class RowOperator(Protocol):
-    """J of one kind of rows."""
-
-    def apply(self, velocities: Array) -> Array:
-        """J x."""
-
-    def apply_transpose(self, impulses: Array) -> Array:
-        """J' lam."""
 
 
 class RowTerms(Pytree):
@@ -56,7 +44,7 @@ class RowTerms(Pytree):
         clipped = ((r if low is None else jnp.clip(r, low, up), on) for r, low, up, on in rows)
         return tuple(r if on is None else jnp.where(on, r, 0) for r, on in clipped)
 
-    def free(self, raw: Blocks) -> Blocks:
+    def inside(self, raw: Blocks) -> Blocks:
         """Masks of the rows strictly within their bounds."""
         rows = zip(raw, self.lower, self.upper, self.active, strict=True)
         inside = (

@@ -8,7 +8,7 @@ Both converge from anywhere. The share starts near one, where many rows change i
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -18,7 +18,7 @@ from jaxfem.solvers import trees
 from jaxfem.solvers.anderson import History, accelerated, empty
 from jaxfem.solvers.box import where_at
 from jaxfem.solvers.pcg import pcg
-from jaxfem.solvers.row_terms import Blocks, Bounds, RowOperator, RowTerms
+from jaxfem.solvers.row_terms import Blocks, Bounds, RowTerms
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
@@ -38,6 +38,16 @@ WORSE = 5.0
 """Growth of the rows' violation at which an accelerated move is taken back."""
 
 
+class RowOperator(Protocol):
+    """J of one kind of rows."""
+
+    def apply(self, velocities: Array) -> Array:
+        """J x."""
+
+    def apply_transpose(self, impulses: Array) -> Array:
+        """J' lam."""
+
+
 class Search(Pytree):
     """How far a search has come. `centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and
     violation that the last move not taken back started from."""
@@ -51,7 +61,7 @@ class Search(Pytree):
     far: Array
     bounds: Bounds
     share: Array
-    free: Blocks
+    inside: Blocks
     iteration: Array
     trips: Array
     residual: Array
@@ -121,9 +131,9 @@ def started(
     one = jnp.ones((), gradient.dtype)
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
-    bounds = terms.lower, terms.upper
+    bounds, inside = (terms.lower, terms.upper), terms.inside(start)
     moves = empty(start), start, jnp.inf * one
-    first = Search(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
+    first = Search(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, inside, *counts)
     return first, target, scale
 
 
@@ -137,12 +147,12 @@ def headed(
     rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: Search, follow: Follow | None, sharpest: float
 ) -> tuple[Search, Heading]:
     """The first half of a trip: the search judged, its centre moved where it must be, and what to solve for next."""
-    before = s.free
-    s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
-    stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
+    before = s.inside
+    s, soft, impulses, inside = _settle(rows, terms, target, s, follow, sharpest)
+    stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(inside, soft, strict=True))
     going = s.status == Status.ITERATION_LIMIT
     right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
-    depth = jnp.where(_same(free, before), CLOSE, FORCING).astype(right.dtype)
+    depth = jnp.where(_same(inside, before), CLOSE, FORCING).astype(right.dtype)
     return s, Heading(soft, stiffness, right, depth)
 
 
@@ -201,11 +211,11 @@ def _settle(
 ) -> tuple[Search, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
-    Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
+    Returns the state, and what the next Newton step starts from: softened compliance, impulses, masks of rows inside.
     """
     soft = terms.softened(s.share)
     raw, old = terms.raw(s.slack, s.centre, soft), terms.within(s.bounds)
-    impulses, free = old.bounded(raw), old.free(raw)
+    impulses, inside = old.bounded(raw), old.inside(raw)
     wanted = s.bounds if follow is None else follow(impulses, s.slack)
     near = trees.norm(s.gradient - _push(rows, impulses))
     far = _size(rows, terms.within(wanted).violation(s.slack, impulses))
@@ -213,7 +223,7 @@ def _settle(
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, REST * target)) & (status == Status.ITERATION_LIMIT)
-    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
+    share = jnp.where(moving & _same(inside, s.inside), jnp.maximum(SHARPER * s.share, sharpest), s.share)
     # An accelerated move (the second that is known, or later) that made matters worse is taken back.
     worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
     kept = trees.where(share == s.share, s.history, empty(s.centre))
@@ -234,7 +244,7 @@ def _settle(
     )
     soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
-    return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
+    return settled.replace(inside=new.inside(raw)), soft, new.bounded(raw), new.inside(raw)
 
 
 def _same(a: Blocks, b: Blocks) -> Array:
@@ -264,7 +274,7 @@ def _exact_length(terms: RowTerms, soft: Blocks, s: Search, step: Array, change:
 
     def slope(t: Array) -> tuple[Array, Array]:
         raw = terms.raw(tuple(a - t * b for a, b in zip(s.slack, along, strict=True)), s.centre, soft)
-        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.free(raw), along, soft, strict=True))
+        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.inside(raw), along, soft, strict=True))
         value = constant + t * curvature - trees.dot(along, terms.bounded(raw))
         return value, curvature + trees.dot(along, stiff)
 

@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.model import Model, Params, State, StepInfo, element_constants
 from jaxfem.ranges import FINITE, Range, ranges_of
 from jaxfem.solvers.status import Status, caused
 
@@ -38,6 +38,9 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
     """(name, value, range) of all that `params` hold."""
     for name, constant in model.constants.items():
         yield name, params.constants[name], constant.range
+    for law in dict.fromkeys(model.laws):
+        for name, (value, allowed) in law.combined(element_constants(model, params)).items():
+            yield name, value, allowed
     yield from ranges_of(params.replace(constants={}))
     for label, group in model.contacts.items():
         if not group.rough:
