@@ -93,7 +93,7 @@ def test_in_single_precision():
 FLAT = jf.HeightField(np.zeros((3, 3)), origin=(-1, -1), spacing=(1, 1))
 GROUNDS = {
     "sphere": (jf.Sphere(0.5), 0.501),
-    "box": (jf.Box((0.06, 0.2, 0.1)), 0.051),
+    "box": (jf.Box((0.5, 0.5, 0.1)), 0.051),
     "heights": (FLAT, 0.001),
     "function": (jf.SignedDistance(lambda place, _: place[2] + 0.1 * place[0] ** 2), 0.001),
 }
