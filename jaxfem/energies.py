@@ -38,9 +38,9 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
-    coupling = shared_mass(model, params.density)
+    shared = shared_mass(model, params.density)
     momentum = mass[:, None] * state.velocities
-    momentum = momentum if coupling is None else momentum + coupling.apply(state.velocities)
+    momentum = momentum if shared is None else momentum + shared.apply(state.velocities)
     kinetic = gravity = jnp.zeros((), state.positions.dtype)
     if model.rigid is not None and state.rigid is not None:
         kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)

@@ -16,7 +16,6 @@ from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
-from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
@@ -184,7 +183,7 @@ class Model(Shaped):
     @property
     def nonlinear(self) -> bool:
         """Whether a body's material is not linear in the step: its rows are then made anew at the solution."""
-        return any(is_nonlinear(law) for law in self.laws)
+        return not all(law.linear for law in self.laws)
 
     @property
     def coupled(self) -> bool:

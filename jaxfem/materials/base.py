@@ -42,6 +42,8 @@ class Material:
     word: ClassVar[str] = ""
     constants: ClassVar[tuple[Constant, ...]] = ()
     options: ClassVar[Mapping[str, Any]] = {}
+    linear: ClassVar[bool] = True
+    """Whether its stress in a step is linear in the strain; the others are subclasses of `Nonlinear`."""
     relaxes: ClassVar[bool] = False
     """Whether the stress of a strain that is held comes to that of the stiffness alone; statics then takes the law."""
     values: Mapping[str, Any]
@@ -52,6 +54,7 @@ class Material:
             return  # a class that others share code through
         if cls.stiffness is Material.stiffness:
             raise TypeError(f'the material law "{word}" ({cls.__name__}) has no `stiffness`: define it')
+        _check_declared(f'the material law "{word}" ({cls.__name__})', cls.constants, cls.options)
         names = [each.name for each in cls.constants]
         twice = (
             {name for name in names if names.count(name) > 1} | {*names} & {*cls.options} | {"values"} & {*cls.options}
@@ -97,7 +100,7 @@ class Material:
         object.__setattr__(self, "values", values)
         for name, default in self.options.items():
             object.__setattr__(self, name, options.get(name, default))
-        own = self.constants_of({name: getattr(self, name) for name in self.options})
+        own = tuple(self.constants_of({name: getattr(self, name) for name in self.options}))
         if own != type(self).constants:
             object.__setattr__(self, "constants", own)
 
@@ -204,6 +207,17 @@ class Material:
     def rest_strain(self, values: Values, internal: Any, rows: slice) -> Array | None:
         """The strain (r, D) at which no energy is stored, None: zero; laws with a memory only."""
         return None
+
+
+def _check_declared(law: str, constants: Any, options: Any) -> None:
+    """TypeError for constants and options that are none."""
+    if not isinstance(constants, tuple | list) or not all(isinstance(each, Constant) for each in constants):
+        raise TypeError(f"{law} has constants = {constants!r}: give a tuple of Constant(...)")
+    if not isinstance(options, Mapping):
+        raise TypeError(f"{law} has options = {options!r}: give a dictionary of names and defaults")
+    for name, default in options.items():
+        if not isinstance(default, bool | int | float | str):
+            raise TypeError(f"{law} has the option {name} = {default!r}: give a flag, a number or a text")
 
 
 _KINDS: Mapping[type, str] = {bool: "True or False", int: "a whole number", float: "a number", str: "a word"}

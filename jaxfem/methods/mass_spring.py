@@ -10,7 +10,6 @@ springs that are pushed left out, so that the matrix is definite. Explicit: symp
     omega^2 (dt^2 + 2 dt beta) < 4   for the highest frequency omega.
 """
 
-import dataclasses
 import warnings
 from typing import Any, ClassVar
 
@@ -65,7 +64,6 @@ class Stretch(Pytree):
     rest: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class MassSpring(Method):
     """Springs in place of elements; `integration`: "implicit" or "explicit"; `calibration`: "volume" or "lloyd"."""
 

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.batching import lanes_in_turn
+from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.linear import Linear
 from jaxfem.methods.base import CannotServe, Facts
 from jaxfem.model import Model
@@ -143,9 +144,8 @@ def refuses_but_plain(facts: Facts) -> str | None:
             'is for soft bodies alone, without rigid bodies, joints or contacts: use "condensed" or "auto" for scenes '
             "that hold such"
         )
-    if facts.strains != ("element",):
-        odd = next(each for each in facts.strains if each != "element")
-        return f'takes strain = "element" alone, not "{odd}": use "condensed" for that'
+    if facts.smoothed:
+        return f'takes strain = "{PLAIN}" alone, not "{facts.smoothed[0]}": use "condensed" for that'
     if facts.mass != "lumped":
         return f'takes mass = "lumped" alone, not "{facts.mass}": use "condensed" for that'
     if facts.scheme.name != "backward_euler":

@@ -1,6 +1,5 @@
 """The method: how groups are made and tied, exactly or by the iteration of (11) and (12)."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -43,7 +42,6 @@ class GroupMemory(Pytree):
     gap: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Groupwise(Method):
     """Bodies cut into `groups` each, or into groups of at most `size` elements, with one rotation a group.
 
