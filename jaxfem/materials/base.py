@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.materials.constants import Constant, MaterialError
+from jaxfem.ranges import Range
 from jaxfem.registry import Registry
 
 Array = jax.Array
@@ -117,6 +118,10 @@ class Material:
     def stiffness(self, values: Values) -> Pair:
         """The two distinct eigenvalues of the isotropic stiffness, volumetric 3K and deviatoric 2 mu [Pa]."""
         raise NotImplementedError(f"{type(self).__name__} does not say its stiffness")
+
+    def checked(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
+        """What must hold of the constants beside the range of each, by what it is called: numbers and their range."""
+        return {}
 
     def damping(self, values: Values) -> Any:
         """Time beta [s] of the viscous stress D beta de/dt beside the elastic one: the constant that is `viscous`."""

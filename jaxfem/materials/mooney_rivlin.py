@@ -1,5 +1,6 @@
 """Mooney-Rivlin elasticity: rubber at moderate strain, linear in both invariants."""
 
+from collections.abc import Mapping
 from typing import Any
 
 import jax
@@ -11,6 +12,7 @@ from jaxfem.materials.invariants import first_of_shape, second_of_shape
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import stiffness_of_shear
 from jaxfem.materials.nonlinear import Nonlinear
+from jaxfem.ranges import Range
 from jaxfem.tensors import Matrix3
 
 Array = jax.Array
@@ -35,6 +37,10 @@ C01 = Constant(
 )
 
 
+SHEAR = Range(low=0, open_low=True, advice="must be > 0 Pa: it is half the shear modulus")
+"""Of c10 + c01."""
+
+
 class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
     """W = c10 (I1' - 3) + c01 (I2' - 3) + K/2 (J - 1)^2, I' the invariants of the shape (Mooney 1940, Rivlin 1948).
 
@@ -48,6 +54,10 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
         super().__init__(c10=c10, c01=c01, poisson=poisson, damping=damping)
         if np.any(np.asarray(self.values["c10"], float) + np.asarray(self.values["c01"], float) <= 0):
             raise MaterialError("c10 + c01 must be > 0 Pa: half the shear modulus")
+
+    def checked(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
+        """The shear modulus is positive."""
+        return {"c10 + c01": (values["c10"] + values["c01"], SHEAR)}
 
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""

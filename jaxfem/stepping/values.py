@@ -11,7 +11,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.model import Model, Params, State, StepInfo, element_constants
 from jaxfem.ranges import FINITE, Range, ranges_of
 from jaxfem.solvers.status import Status, caused
 
@@ -38,7 +38,14 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
     """(name, value, range) of all that `params` hold."""
     for name, constant in model.constants.items():
         yield name, params.constants[name], constant.range
+    values = element_constants(model, params)
+    for law in dict.fromkeys(model.laws):
+        for what, (value, each) in law.checked(values).items():
+            yield what, value, each
     yield from ranges_of(params.replace(constants={}))
+    for label, joints in model.joints.items():
+        for what, (value, each) in joints.checked(params.joints[label]).items():
+            yield f'joints["{label}"].{what}', value, each
     for label, group in model.contacts.items():
         if not group.rough:
             yield f'contacts["{label}"].friction', params.contacts[label].friction, SMOOTH
