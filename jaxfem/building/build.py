@@ -15,6 +15,7 @@ from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_answers, check_body, check_laws, more_constants
+from jaxfem.building.unused import warn_of_unused
 from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
@@ -62,7 +63,7 @@ def build(
     steps in which the body turns
     far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
     1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
-    (AccuracyWarning) of known bias.
+    (AccuracyWarning) of known bias, and (UnusedWarning) of numbers that change nothing.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
@@ -88,20 +89,25 @@ def build(
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
     state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
+    warn_of_unused(scene, every, model, params)
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    facts = Facts(
-        soft=bool(bodies),
+    state = state.replace(carry=first_carry(state))
+    return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
+
+
+def _facts(scene: Scene, model: Model) -> Facts:
+    """What decides which methods can serve a scene."""
+    return Facts(
+        soft=bool(scene.soft),
         rigid=bool(scene.rigid),
         tied=bool(model.joints or model.contacts),
-        mass=mass,
-        strains=tuple(dict.fromkeys(body.strain for body in bodies)),
-        scheme=made,
+        mass=model.mass,
+        strains=tuple(dict.fromkeys(body.strain for body in scene.soft)),
+        scheme=model.scheme,
         nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if not law.linear)),
     )
-    state = state.replace(carry=first_carry(state))
-    return with_method(Built(facts, model, params, state), asked, rotation_update, solver)
 
 
 def _scheme(scheme: str | Scheme, dtype: Any, numbers: dict[str, Any]) -> Scheme:
@@ -129,11 +135,7 @@ def _model(
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
     gradients, volumes = shape_gradients(points, cells)
     nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
-    driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
-    held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
-    _check_disjoint(driven)
-    free = np.ones(len(points))
-    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    free, driven = _supports(bodies, offsets)
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
@@ -171,6 +173,17 @@ def _model(
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
     )
+
+
+def _supports(bodies: Sequence[SoftBody], offsets: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """1 for each node (n,) that moves by its own dynamics, else 0; the nodes of each prescribed motion."""
+    pairs = list(zip(bodies, offsets[:-1], strict=True))
+    driven = [body.nodes_of("driven", each.nodes) + offset for body, offset in pairs for each in body.driven]
+    held = [body.nodes_of("fixed", body.fixed) + offset for body, offset in pairs]
+    _check_disjoint(driven)
+    free = np.ones(offsets[-1])
+    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    return free, driven
 
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:

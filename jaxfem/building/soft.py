@@ -45,6 +45,8 @@ def check_body(body: SoftBody, name: str) -> None:
         )
     for trouble in (*body.mesh.notes, *troubles(body.mesh)):
         warnings.warn(f'mesh of "{name}": {trouble}', MeshWarning, stacklevel=4)
+    for doubt in body.made_of.doubts():
+        warnings.warn(f'"{name}", of {type(body.made_of).__name__}, {doubt}', AccuracyWarning, stacklevel=4)
     values: Any = {key: np.asarray(value, float) for key, value in body.made_of.values.items()}
     poisson = float(np.max(ratio_and_modulus(*body.made_of.stiffness(values))[0]))
     if body.strain == PLAIN and poisson > 0.45 + 1e-12:

@@ -6,7 +6,7 @@ Smoothing over nodes: Bonet & Burton 1998; over edges, and both at once: Nguyen-
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
@@ -193,6 +193,8 @@ class DomainMaterial(Pytree):
     deviatoric: Any
     damping: Any
     offset: Array | None = None
+    linear: ClassVar[bool] = True
+    """As its law says of itself."""
 
     def from_rest(self, strain: list[Array]) -> list[Array]:
         """The strain with the known offset, where there is one."""

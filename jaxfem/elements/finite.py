@@ -5,7 +5,7 @@ have the energy of distortion, volumetric ones K/2 theta^2, clusters of these th
 of K on nodes and on clusters as the rows of linear laws have (see `bulk_shares`).
 """
 
-from typing import Any
+from typing import Any, ClassVar, TypeGuard
 
 import jax
 import jax.numpy as jnp
@@ -36,6 +36,7 @@ class LawMaterial(DomainMaterial):
     values: Any = None
     internal: Any = None
     dt: Any = None
+    linear: ClassVar[bool] = False
 
     def bulk(self, domains: Domains) -> Any:
         """K of what the domains' energy takes of changes of volume, None where it takes none [Pa]."""
@@ -76,6 +77,11 @@ def law_of(domains: Domains) -> Nonlinear:
     """The domains' law, which is not linear."""
     assert isinstance(domains.law, Nonlinear)
     return domains.law
+
+
+def of_energy(material: DomainMaterial) -> TypeGuard[LawMaterial]:
+    """Whether a material's law is not linear in a step, so that stress and tangent come of its energy."""
+    return not material.linear
 
 
 def material_of(domains: Domains, values: Any) -> DomainMaterial:

@@ -1,6 +1,6 @@
 """What a material law is: its constants, its stiffness and damping, and, where it has a memory, what it remembers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import jax
@@ -145,6 +145,10 @@ class Material:
     def combined(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
         """Numbers made of several constants that have a range of their own, by what messages call them."""
         return {}
+
+    def doubts(self) -> Sequence[str]:
+        """What to warn of in its values that are admissible one by one, each a sentence that follows a body's name."""
+        return ()
 
     def internal0(self, strain: Array) -> Any:
         """What is remembered where the `strain` is (r, D), as at the start: a pytree of arrays, or None, no memory."""

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any
 
 import jax
+import numpy as np
 
 from jaxfem.materials.base import Pair, Values
 from jaxfem.materials.constants import Constant, Signed
@@ -35,6 +36,10 @@ C01 = Constant(
     absolute=True,
 )
 HALF_SHEAR = Range(low=0.0, open_low=True, advice="must be > 0 Pa: half the shear modulus")
+EARLY = 0.5
+"""Share of its length down to which a pressed bar should hold."""
+
+"""Of c10 + c01."""
 
 
 class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
@@ -52,6 +57,14 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
     def combined(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
         """Half the shear modulus."""
         return {"c10 + c01": (values["c10"] + values["c01"], HALF_SHEAR)}
+
+    def doubts(self) -> tuple[str, ...]:
+        """Where a negative c01 lets it give way early under pressure."""
+        c10, c01 = (np.asarray(self.values[name], float) for name in ("c10", "c01"))
+        end = float(np.max(-c01 / c10))
+        if end < EARLY:
+            return ()
+        return (f"gives way where it is pressed to {end:.3g} of its length, as c01 is negative: check its sign",)
 
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""

@@ -241,7 +241,7 @@ def contact_rows(
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
     approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
-    on = pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) < candidates.margin
+    on = ~(pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) >= candidates.margin)  # a NaN counts as near
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
     deep = on & (pairs.gap < -DEEP * candidates.margin)
     gaps = Gaps(

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
-from jaxfem.elements.finite import Curvature, LawMaterial, curvature, displacement_gradient
+from jaxfem.elements.finite import Curvature, curvature, displacement_gradient, of_energy
 from jaxfem.elements.mass import SharedMass
 from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
@@ -158,7 +158,7 @@ def assemble_tangent(
     sums = _zero_sums(pattern, positions.dtype)
     factors: list[Factor] = []
     for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
-        if isinstance(material, LawMaterial):
+        if of_energy(material):
             found = curvature(each, material, None, displacement_gradient(each, positions), definite=int(not exact))
             sums, factors = _with_law(sums, factors, each, found, 1.0, free, pattern, number)
             continue
