@@ -38,9 +38,9 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)
     weight = mass[:, None] * params.gravity
-    coupling = shared_mass(model, params.density)
+    shared = shared_mass(model, params.density)
     momentum = mass[:, None] * state.velocities
-    momentum = momentum if coupling is None else momentum + coupling.apply(state.velocities)
+    momentum = momentum if shared is None else momentum + shared.apply(state.velocities)
     kinetic = gravity = jnp.zeros((), state.positions.dtype)
     if model.rigid is not None and state.rigid is not None:
         kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)
@@ -62,6 +62,10 @@ def with_account(model: Model, params: Params, state: State) -> State:
 
 def total_elastic_energy(model: Model, params: Params, positions: Array, internal: Any = None) -> Array:
     """Elastic energy of all bodies at `positions` (n, 3) [J]; `internal`: what their materials remember."""
+    own = model.method.elasticity(model, params, positions, jnp.zeros_like(positions))
+    if own is not None:
+        total: Array = own.energy
+        return total
     materials = resting_materials(model, params, internal)
     energy = elastic_energy(model.domains, positions, materials, model.rotation)
     return energy if internal is None else energy + beside_strain(model, params, internal)

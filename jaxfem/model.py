@@ -16,7 +16,6 @@ from jaxfem.elements.tetra import Elements, RotationKind
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
-from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.motion import Motion
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
@@ -79,6 +78,13 @@ class Method(Protocol):
         self, model: "Model", params: Params, state: State, dt: Array, forces: Array | None, cache: Any
     ) -> tuple[State, "StepInfo"]:
         """One step."""
+
+    @property
+    def own_elasticity(self) -> bool:
+        """Whether its elastic forces are its own, and not those of the materials on their elements."""
+
+    def elasticity(self, model: "Model", params: Params, positions: Array, rates: Array) -> Any:
+        """`energy`, `force` and `power` of those, None where they are the materials'."""
 
     def impulses(self, model: "Model", memory: Any) -> dict[str, Array]:
         """The impulses of the last step by the names of their groups of rows, as far as the memory holds them."""
@@ -177,7 +183,7 @@ class Model(Shaped):
     @property
     def nonlinear(self) -> bool:
         """Whether a body's material is not linear in the step: its rows are then made anew at the solution."""
-        return any(is_nonlinear(law) for law in self.laws)
+        return not all(law.linear for law in self.laws)
 
     @property
     def coupled(self) -> bool:

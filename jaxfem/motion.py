@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.quantities import positive, signed
 from jaxfem.pytrees import Pytree
 from jaxfem.ranges import within
 from jaxfem.rotation import rotation_vector_to_matrix
@@ -20,12 +21,14 @@ class Motion(Pytree):
     the point `center` (3,) [m]. All zero: the nodes are held where they are.
     """
 
-    velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
-    amplitude: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
-    frequency: Any = field(default=0.0, metadata=within())
-    phase: Any = field(default=0.0, metadata=within())
-    angular_velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
-    center: Any = field(default=(0.0, 0.0, 0.0), metadata=within())
+    velocity: Any = field(default=(0.0, 0.0, 0.0), metadata=within() | signed("velocity", "m/s", "velocity"))
+    amplitude: Any = field(default=(0.0, 0.0, 0.0), metadata=within() | signed("amplitude", "m", "amplitude"))
+    frequency: Any = field(default=0.0, metadata=within() | positive("frequency", "Hz", "frequency"))
+    phase: Any = field(default=0.0, metadata=within() | signed("phase", "rad", "phase"))
+    angular_velocity: Any = field(
+        default=(0.0, 0.0, 0.0), metadata=within() | signed("angular_velocity", "rad/s", "angular velocity")
+    )
+    center: Any = field(default=(0.0, 0.0, 0.0), metadata=within() | signed("center", "m", "centre of the turn"))
 
 
 def displaced(motion: Motion, rest: Array, time: Array) -> Array:

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.elements.elasticity import elastic_response
 from jaxfem.elements.tetra import has_energy
 from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.methods.base import refused_elasticity
 from jaxfem.methods.ending import inverted_elements
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, StepInfo, domain_materials, element_stiffness
@@ -79,6 +80,8 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         )
     if not has_energy(model.rotation):
         raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
+    if refused := refused_elasticity(model):
+        raise StepError(f"equilibrium {refused}")
     flowing = model.bodies_of(lambda law: law.remembers and not law.relaxes)
     if flowing:
         raise StepError(

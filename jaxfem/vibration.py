@@ -11,6 +11,7 @@ from jaxfem.elements.elasticity import elastic_force
 from jaxfem.elements.mass import MASSES, MassKind, mass_product
 from jaxfem.elements.tetra import has_energy
 from jaxfem.materials.moduli import ratio_and_modulus
+from jaxfem.methods.base import refused_elasticity
 from jaxfem.methods.nodes.tangent import tangent_and_preconditioner
 from jaxfem.model import Model, Params, State, domain_materials, element_stiffness, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
@@ -55,6 +56,8 @@ def modes(
         raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")
+    if refused := refused_elasticity(model):
+        raise StepError(f"modes {refused}")
     remembering = model.bodies_of(lambda law: law.remembers)
     if remembering:
         raise StepError(

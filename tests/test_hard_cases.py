@@ -12,7 +12,7 @@ import pytest
 
 import jaxfem as jf
 
-sys.path.insert(0, str(pathlib.Path(__file__).resolve().parents[1] / "benchmarks"))
+sys.path.append(str(pathlib.Path(__file__).resolve().parents[1] / "benchmarks"))  # behind: both have a `scenes`
 
 import hard_cases
 from hard import page, running, worlds

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 ROOT = pathlib.Path(__file__).resolve().parents[1]
-sys.path.insert(0, str(ROOT / "benchmarks"))
+sys.path.append(str(ROOT / "benchmarks"))  # behind: both have a `scenes`
 
 import hard_gradients  # noqa: E402
 from hard.gradient_cases import CASES  # noqa: E402

@@ -49,14 +49,14 @@ def times(quick):
 
 
 def _timed(row, name, ready, params, state):
-    (states, info), seconds = _least(lambda: jf.rollout(ready, params, state, DT, STEPS))
+    (states, info), seconds = least(lambda: jf.rollout(ready, params, state, DT, STEPS))
     assert not np.asarray(info.status).any(), (name, info.status)
     row["ms_per_step"][name] = 1e3 * seconds / STEPS
     row["iterations"][name] = float(np.mean(info.iterations))
     row["tip_m"][name] = float(states.positions[-1, :, 2].min())
 
 
-def _least(run, times=5):
+def least(run, times=5):
     """What `run` gives, and the least processor seconds of several runs: what disturbs only adds. On one core
     (`taskset -c 0`) they are what a quiet machine takes."""
     found, spent = jax.block_until_ready(run()), []
@@ -78,7 +78,7 @@ def binding(quick):
         for rounds in (10, 100) if quick else (10, 30, 100, 300):
             made = beam(Groupwise(groups=groups, binding=0.95 * limit, rounds=rounds), cells)
             ready = jf.prepare(*made, DT)
-            (bound, info), spent = _least(lambda r=ready, m=made: jf.rollout(r, *m[1:], DT, STEPS), 3)
+            (bound, info), spent = least(lambda r=ready, m=made: jf.rollout(r, *m[1:], DT, STEPS), 3)
             off = float(jnp.abs(bound.positions[-1] - states.positions[-1]).max())
             row = {"groups": groups, "rounds": rounds, "k": 0.95 * limit, "ms_per_step": 1e3 * spent / STEPS}
             row |= {"gap_m": float(interface_gap(bound).max()), "off_of_way": off / way}
@@ -112,7 +112,7 @@ def equal_error(quick):
                 made = beam(method, cells, young, tolerance=1e-4 if name.endswith("1e-4") else None)
                 ready, ratio = jf.prepare(*made, dt), round(steps[0] / dt)
                 run = (ready, *made[1:], dt, 10 * ratio)
-                (states, info), seconds = _least(lambda r=run, e=ratio: jf.rollout(*r, every=e), 3)
+                (states, info), seconds = least(lambda r=run, e=ratio: jf.rollout(*r, every=e), 3)
                 off = float(np.sqrt(np.mean((course(states) - exact) ** 2)) / way)
                 row = {"young": young, "method": name, "dt": dt, "seconds": seconds, "error": off}
                 rows.append(row | {"status": int(np.max(info.status))})

@@ -1,5 +1,7 @@
 """build: scene -> (model, params, state). Everything is checked and indexed here, once, on the host."""
 
+import difflib
+import inspect
 from collections import Counter
 from collections.abc import Sequence
 from typing import Any
@@ -12,19 +14,19 @@ from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_m
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.pattern import solver_order, sparsity
-from jaxfem.building.soft import body_constants, body_domains, check_body, check_laws, more_constants
+from jaxfem.building.soft import body_constants, body_domains, check_answers, check_body, check_laws, more_constants
 from jaxfem.building.unused import warn_of_unused
 from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
 from jaxfem.elements.tetra import Elements, shape_gradients
-from jaxfem.materials.nonlinear import is_nonlinear
 from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
 from jaxfem.pytrees import on_device
 from jaxfem.schemes import Scheme, scheme_of
+from jaxfem.schemes.answers import scheme_flaw
 from jaxfem.system.carry import first_carry
 from jaxfem.system.memory import first_memory
 
@@ -39,12 +41,12 @@ def build(
     *,
     solver: str | Method = "auto",
     scheme: str | Scheme = "backward_euler",
-    rho_inf: float | None = None,
     mass: MassKind = "lumped",
     rotation_update: str = "explicit",
     dtype: Any = None,
     tolerance: float | None = None,
     max_iterations: int = 20_000,
+    **numbers: Any,
 ) -> tuple[Model, Params, State]:
     """Turn a scene into the model, params and initial state that `step` takes.
 
@@ -52,9 +54,10 @@ def build(
     rows), "pgs" (all rows, Gauss-Seidel), a `Method` object, or "auto": the first where there are soft bodies, the
     second for rigid bodies alone, the third where either would be too dear; `model.method` and `model.choice` say what
     was taken and why. `scheme`: "backward_euler" (first order, damps what moves fast), "generalized_alpha" (second
-    order; a step leaves the share `rho_inf`, from 0 to 1 and 0.8 without it, of the highest frequencies) or a `Scheme`
-    object. `mass`: "lumped", "consistent" or "averaged" (the mean of both; often the best frequencies); "mprgp" needs
-    the first. Scenes with rigid bodies take the first scheme, those with joints or contacts the first mass.
+    order), or a `Scheme` object with numbers of its own, like GeneralizedAlpha(rho_inf=0.5); its `numbers` may stand
+    beside its name too, scheme="generalized_alpha", rho_inf=0.5. `mass`: "lumped", "consistent" or "averaged" (the mean
+    of both; often the best frequencies); "mprgp" needs the first. Scenes with rigid bodies take the first scheme, those
+    with joints or contacts the first mass.
     `rotation_update`: the elements' rotations are "explicit" (those at the start of the step, or where the second-order
     scheme expects its forces: one linear solve) or "implicit" (iterated to the end of the step: several solves, for
     steps in which the body turns
@@ -64,7 +67,7 @@ def build(
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
-    refuse_traced({"rho_inf": rho_inf, "tolerance": tolerance, "max_iterations": max_iterations})
+    refuse_traced({"tolerance": tolerance, "max_iterations": max_iterations, **numbers})
     checked_choice("mass", mass, MASSES)
     checked_choice("rotation_update", rotation_update, ROTATION_UPDATES)
     asked = method_asked(solver, rotation_update)
@@ -72,9 +75,10 @@ def build(
     _check_numbers(dtype, tolerance, max_iterations)
     every = _names(scene.bodies)
     bodies, names = scene.soft, [n for n, b in zip(every, scene.bodies, strict=True) if isinstance(b, SoftBody)]
+    check_answers(bodies, names, dtype)
     for body, name in zip(bodies, names, strict=True):
         check_body(body, name)
-    made = _scheme(scheme, rho_inf, dtype)
+    made = _scheme(scheme, dtype, numbers)
     check_laws(bodies, names)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
@@ -87,24 +91,33 @@ def build(
     model, params, state = with_coupling(scene, every, model, params, state)
     warn_of_unused(scene, every, model, params)
     model = model.replace(drifting=drifting_bodies(scene, every, model))
-    facts = Facts(
-        soft=bool(bodies),
+    if flaw := scheme_flaw(made, dtype):
+        raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
+    state = state.replace(carry=first_carry(state))
+    return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
+
+
+def _facts(scene: Scene, model: Model) -> Facts:
+    """What decides which methods can serve a scene."""
+    return Facts(
+        soft=bool(scene.soft),
         rigid=bool(scene.rigid),
         tied=bool(model.joints or model.contacts),
-        mass=mass,
-        strains=tuple(dict.fromkeys(body.strain for body in bodies)),
-        scheme=made,
-        nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if is_nonlinear(law))),
+        mass=model.mass,
+        strains=tuple(dict.fromkeys(body.strain for body in scene.soft)),
+        scheme=model.scheme,
+        nonlinear=tuple(dict.fromkeys(type(law).__name__ for law in model.laws if not law.linear)),
     )
-    state = state.replace(carry=first_carry(state))
-    return with_method(Built(facts, model, params, state), asked, rotation_update, solver)
 
 
-def _scheme(scheme: str | Scheme, rho_inf: float | None, dtype: Any) -> Scheme:
+def _scheme(scheme: str | Scheme, dtype: Any, numbers: dict[str, Any]) -> Scheme:
     try:
-        return scheme_of(scheme, dtype, rho_inf=rho_inf)
+        return scheme_of(scheme, dtype, **numbers)
     except ValueError as problem:
-        raise SceneError(str(problem)) from None
+        known = [name for name, each in inspect.signature(build).parameters.items() if each.kind is each.KEYWORD_ONLY]
+        near = [word for name in numbers for word in difflib.get_close_matches(name, known, n=1)]
+        hint = f"; did you mean build's `{near[0]}`?" if near else ""
+        raise SceneError(f"{problem}{hint}") from None
 
 
 def _model(
@@ -122,11 +135,7 @@ def _model(
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
     gradients, volumes = shape_gradients(points, cells)
     nodal_volumes = np.bincount(cells.ravel(), np.repeat(volumes / 4, 4), minlength=len(points))
-    driven = [b.nodes_of("driven", d.nodes) + o for b, o in zip(bodies, offsets[:-1], strict=True) for d in b.driven]
-    held = [b.nodes_of("fixed", b.fixed) + o for b, o in zip(bodies, offsets[:-1], strict=True)]
-    _check_disjoint(driven)
-    free = np.ones(len(points))
-    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    free, driven = _supports(bodies, offsets)
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
     elements = Elements(
@@ -164,6 +173,17 @@ def _model(
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
     )
+
+
+def _supports(bodies: Sequence[SoftBody], offsets: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+    """1 for each node (n,) that moves by its own dynamics, else 0; the nodes of each prescribed motion."""
+    pairs = list(zip(bodies, offsets[:-1], strict=True))
+    driven = [body.nodes_of("driven", each.nodes) + offset for body, offset in pairs for each in body.driven]
+    held = [body.nodes_of("fixed", body.fixed) + offset for body, offset in pairs]
+    _check_disjoint(driven)
+    free = np.ones(offsets[-1])
+    free[np.concatenate([np.zeros(0), *held, *driven]).astype(int)] = 0
+    return free, driven
 
 
 def _params(scene: Scene, bodies: Sequence[SoftBody], dtype: Any) -> Params:

@@ -1,13 +1,15 @@
 """Which method solves a scene's steps: the one asked for, or for "auto" the first of a table that serves the scene."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import described, hashable, odd_leaf
 from jaxfem.declared import SceneError
+from jaxfem.materials.constants import Constant
 from jaxfem.methods import METHODS, CannotServe, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
 from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
 from jaxfem.model import Choice, Model, Params, State, nodal_mass
@@ -93,6 +95,12 @@ def method_asked(solver: Any, rotation_update: str) -> Method | None:
         raise SceneError(
             f"solver is {solver!r}; give a name ({', '.join(('auto', *METHODS.words()))}) or a Method object"
         )
+    odd = [name for name, value in vars(solver).items() if not hashable(value)]
+    if odd:
+        raise SceneError(
+            f'solver "{solver.name}" has {odd[0]} = {getattr(solver, odd[0])!r}, by which no compiled program can tell '
+            "it from others: give a number, a word, a flag or a tuple of such; arrays are made in `plan` and `prepare`"
+        )
     return _turning(solver, rotation_update)
 
 
@@ -121,6 +129,8 @@ def with_method(
 def _tried(built: Built, method: Method, choice: Choice) -> tuple[Model, Params, State] | str:
     """The model, params and state with a method, or why it cannot serve the scene."""
     refused = method.refuses(built.facts)
+    if refused is not None and not isinstance(refused, str):
+        raise SceneError(_wrong(method, "refuses", refused, "words that follow its name, or None"))
     if refused is not None:
         return refused
     if built.facts.nonlinear and not method.nonlinear:
@@ -140,9 +150,23 @@ def _turning(method: Method, rotation_update: str) -> Method:
 
 def _planned(built: Built, method: Method, choice: Choice) -> tuple[Model, Params, State]:
     plan = method.plan(built.model, built.params, built.state)
+    _check_arrays(method, "plan", plan)
     model, params, own = built.model.replace(method=method, choice=choice, plan=plan), built.params, method.constants()
+    if not isinstance(own, Mapping) or not all(isinstance(each, Constant) for each in own):
+        raise SceneError(_wrong(method, "constants", own, "a mapping of Constant(...) to its value"))
     if own:
         model = model.replace(more_constants=(*model.more_constants, *own))
         values = {each.name: jnp.asarray(value, model.rest.dtype) for each, value in own.items()}
         params = params.replace(constants={**params.constants, **values})
-    return model, params, built.state.replace(memory=method.start(model, params, built.state))
+    memory = method.start(model, params, built.state)
+    _check_arrays(method, "start", memory)
+    return model, params, built.state.replace(memory=memory)
+
+
+def _check_arrays(method: Method, hook: str, given: Any) -> None:
+    if (odd := odd_leaf(given)) is not None:
+        raise SceneError(_wrong(method, hook + odd[0], odd[1], "a tree of arrays, or None"))
+
+
+def _wrong(method: Method, hook: str, given: Any, wanted: str) -> str:
+    return f'solver "{method.name}": `{hook}` gives {described(given)}; it must give {wanted}'

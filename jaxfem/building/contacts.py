@@ -11,8 +11,10 @@ from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.curves import curves_on_shapes
 from jaxfem.building.faces import faces_on_shape
 from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
+from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
+from jaxfem.rigid.shapes.answers import distance_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
 from jaxfem.rows.contact import Candidates, ContactValues, ShapeContacts, SurfaceContacts
@@ -47,7 +49,7 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
             values = ContactValues(*(np.full(count, each) for each in numbers))
             cone = candidates.rough and contact.cone
             label = f"{'cone' if cone else 'rough' if candidates.rough else 'smooth'} {candidates.kind}"
-            if candidates.alone:
+            if candidates.alone or (label in grouped and _kind(candidates) != _kind(grouped[label][0][0])):
                 label = f"{label} {name}"
                 label = f"{label} back" if label in grouped else label
             grouped.setdefault(label, []).append((candidates.replace(names=(name,) * count, cone=cone), values))
@@ -167,6 +169,8 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
         numbers = np.full(count, body, np.int32)
         offset = np.tile(meeting.bodies.rigid[body].properties[1], (count, 1))
     measured = shape.measured(float(points.radius.max()))
+    if flaw := distance_flaw(measured if shape.shared else repeated(measured, None)):
+        raise SceneError(f"{meeting.where} touches a {type(shape).__name__}: {flaw}")
     own = measured if shape.shared else repeated(measured, count)
     margin = meeting.margins(points)
     given = (points.points, points.radius, own, numbers, margin[:MOST_POINTS], meeting.rough, shape.shared)
@@ -176,12 +180,18 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
     return thinned(found, meeting.contact.per_node) if meeting.is_embedded(points) else found
 
 
+def _kind(candidates: Any) -> Any:
+    """What the candidates of one group share: structure, flags and shapes but for their number."""
+    leaves, structure = jax.tree.flatten(candidates.replace(names=(), cone=False))
+    return structure, tuple(np.shape(leaf)[1:] for leaf in leaves)
+
+
 def _joined(trees: list[Any], dtype: Any) -> Any:
     """Trees joined along their leading axis (a single one as it is), as arrays."""
 
     def join(*leaves: Any) -> jax.Array:
         array = np.concatenate([np.asarray(leaf) for leaf in leaves]) if len(leaves) > 1 else np.asarray(leaves[0])
-        return jnp.asarray(array, jnp.int32 if np.issubdtype(array.dtype, np.integer) else dtype)
+        return jnp.asarray(array, device_type(array.dtype, dtype))
 
     bare = [tree.replace(names=()) if hasattr(tree, "names") else tree for tree in trees]
     joined = jax.tree.map(join, *bare)

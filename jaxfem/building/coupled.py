@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex, rigid_parts
 from jaxfem.building.contacts import contact_parts
+from jaxfem.building.joint_answers import check_rows
 from jaxfem.building.overlaps import warn_of_overlaps
 from jaxfem.building.row_groups import joint_parts
 from jaxfem.declared import RigidBody, SceneError
@@ -44,7 +45,9 @@ def with_coupling(
         model = model.replace(node_group=_tied(scene, index)[model.node_body])
     if contacts:
         warn_of_overlaps(scene.contacts, index, model, roughness, state)
-    return model, params.replace(joints=softness, contacts=roughness), state
+    params = params.replace(joints=softness, contacts=roughness)
+    check_rows(model, params)
+    return model, params, state
 
 
 def _size(model: Model) -> float:

@@ -189,10 +189,12 @@ def _size(index: BodyIndex, side: Side) -> float:
     return float(np.ptp(side.shape.extent(), axis=0).max())
 
 
-def repeated(shape: Any, count: int) -> Any:
-    """A shape's values, once for each of `count` pairs."""
-    return jax.tree.map(
-        lambda v: np.broadcast_to(np.asarray(v, float), (count, *np.shape(v))),
-        shape,
-        is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray),
-    )
+def repeated(shape: Any, count: int | None) -> Any:
+    """A shape's values as arrays, once for each of `count` pairs; once alone where that is None. Flags stay flags."""
+
+    def one(value: Any) -> np.ndarray:
+        array = np.asarray(value)
+        array = array if array.dtype == np.bool_ else array.astype(float)
+        return array if count is None else np.broadcast_to(array, (count, *array.shape))
+
+    return jax.tree.map(one, shape, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray))

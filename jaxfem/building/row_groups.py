@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
+from jaxfem.building.joint_answers import check_alike, check_leaves, check_softness, checked_parts, signature
 from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
 
@@ -18,30 +19,44 @@ def joint_parts(joints: Sequence[Joint], index: BodyIndex, dtype: Any) -> tuple[
     In each group `names` says which joint each entry is of: its own name, or its place in the scene's list.
     """
     grouped: dict[str, list[tuple[str, Part]]] = {}
+    known: set[Any] = set()
+    signatures: dict[str, Any] = {}
     for number, joint in enumerate(joints):
         name = joint.name or str(number)
         where = f'joint "{name}"' if joint.name else f"joint {name} (a {type(joint).__name__})"
         if flaw := joint.flaw():
             raise SceneError(flaw)
-        for part in joint.parts(index, where):
-            group = grouped.setdefault(f"{part.word} {part.rows.kind}", [])
-            if group and type(group[0][1].rows) is not type(part.rows):
-                kinds = type(part.rows).__name__, type(group[0][1].rows).__name__
-                raise SceneError(f'{where} calls its {kinds[0]} "{part.word}", as others call a {kinds[1]}: rename it')
+        parts = checked_parts(joint, index, where)
+        check_softness(joint, index, where, parts, known)
+        for part in parts:
+            label, own = f"{part.word} {part.rows.kind}", signature(part)
+            group = grouped.setdefault(label, [])
+            if signatures.setdefault(label, own) != own:
+                check_alike(part, group[0][1], where, f'joint "{group[0][0]}"')
             group.append((name, part))
     rows, values = {}, {}
-    for label, parts in grouped.items():
-        stacked = _stacked([part.rows for _, part in parts], dtype)
-        rows[label] = stacked.replace(names=tuple(name for name, _ in parts))
-        values[label] = jax.tree.map(
-            lambda leaf: leaf.astype(dtype), _stacked([part.values for _, part in parts], dtype)
-        )
+    for label, group in grouped.items():
+        check_leaves(group[:1])
+        try:
+            stacked, own = (_stacked([part[k] for _, part in group], dtype) for k in (1, 2))
+        except (TypeError, ValueError):
+            check_leaves(group)
+            raise
+        rows[label] = stacked.replace(names=tuple(name for name, _ in group))
+        values[label] = jax.tree.map(lambda leaf: leaf.astype(dtype), own)
     return rows, values
 
 
 def _stacked(trees: list[Any], dtype: Any) -> Any:
     def stack(*leaves: Any) -> jax.Array:
         array = np.stack([np.asarray(leaf) for leaf in leaves])
-        return jnp.asarray(array, jnp.int32 if np.issubdtype(array.dtype, np.integer) else dtype)
+        return jnp.asarray(array, device_type(array.dtype, dtype))
 
     return jax.tree.map(stack, *trees)
+
+
+def device_type(given: Any, dtype: Any) -> Any:
+    """The type on the device of what users give: indices, masks as they are, and real numbers."""
+    if np.issubdtype(given, np.bool_):
+        return jnp.bool_
+    return jnp.int32 if np.issubdtype(given, np.integer) else dtype

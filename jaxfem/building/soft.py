@@ -11,7 +11,9 @@ import numpy as np
 from jaxfem.declared.errors import AccuracyWarning as AccuracyWarning
 from jaxfem.declared.scene import SceneError, SoftBody
 from jaxfem.elements.domains import Domains
-from jaxfem.elements.smoothing import STRAINS, build_domains
+from jaxfem.elements.smoothing import build_domains
+from jaxfem.elements.strains import PLAIN, STRAINS, rows_of
+from jaxfem.materials.answers import law_flaw
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import MeshWarning
@@ -20,6 +22,18 @@ from jaxfem.model import Params
 
 ELSEWHERE = ("dt", "state", "delay")
 """Names that sweeps and fits have for what is no constant."""
+
+
+def check_answers(bodies: Sequence[SoftBody], names: Sequence[str], dtype: Any) -> None:
+    """Refuse laws that answer what no step can use; nothing is computed for it."""
+    given = [(name, value) for body in bodies for name, value in body.made_of.values.items()]
+    spread = {name for name, value in given if np.ndim(value) or len(bodies) > 1}
+    for body, name in zip(bodies, names, strict=True):
+        law = body.made_of.law
+        own = frozenset(each.name for each in law.constants if each.name in spread)
+        for rows in (rows_of(part) for _, part in STRAINS[body.strain]):
+            if flaw := law_flaw(law, own, rows.start, rows.stop, dtype):
+                raise SceneError(f'{type(law).__name__}, the material of "{name}": {flaw}')
 
 
 def check_body(body: SoftBody, name: str) -> None:
@@ -31,9 +45,11 @@ def check_body(body: SoftBody, name: str) -> None:
         )
     for trouble in (*body.mesh.notes, *troubles(body.mesh)):
         warnings.warn(f'mesh of "{name}": {trouble}', MeshWarning, stacklevel=4)
+    for doubt in body.made_of.doubts():
+        warnings.warn(f'"{name}", of {type(body.made_of).__name__}, {doubt}', AccuracyWarning, stacklevel=4)
     values: Any = {key: np.asarray(value, float) for key, value in body.made_of.values.items()}
     poisson = float(np.max(ratio_and_modulus(*body.made_of.stiffness(values))[0]))
-    if body.strain == "element" and poisson > 0.45 + 1e-12:
+    if body.strain == PLAIN and poisson > 0.45 + 1e-12:
         warnings.warn(
             f'"{name}" has Poisson\'s ratio {poisson:g} with plain linear tetrahedra, which lock above 0.45: it is '
             "several times too stiff near 0.5, and a fitted Young's modulus too low by the same factor",

@@ -17,8 +17,8 @@ from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
 from jaxfem.declared.scene import SceneError
 from jaxfem.io.plots import PlotError, plot_work, require_matplotlib
-from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
-from jaxfem.io.toml_tables import Table, read_toml
+from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene, method_settings, read_method
+from jaxfem.io.toml_tables import Table, is_number, read_toml
 from jaxfem.methods import METHODS, Method
 from jaxfem.solvers import describe
 from jaxfem.stepping import prepare, rollout
@@ -94,10 +94,16 @@ def _cases(table: Table, file: SceneFile) -> Iterator[tuple[str, Any, float, flo
     for each in given:
         label, method = _method(table, each)
         for factor in factors:
-            if not isinstance(factor, int | float) or factor <= 0 or abs(file.steps / factor % 1) > 1e-9:
+            if not is_number(factor) or factor <= 0 or not _whole(file.steps / factor):
                 raise table.wrong("step_factors", f"numbers above 0 that divide the scene's {file.steps} steps")
             for tolerance in tolerances:
+                if tolerance is not None and not (is_number(tolerance) and 0 < tolerance < 1):
+                    raise table.wrong("tolerances", "relative residuals between 0 and 1, like 1e-8")
                 yield label, method, float(factor), tolerance
+
+
+def _whole(number: float) -> bool:
+    return number > 0.5 and abs(number - round(number)) < 1e-9 * number
 
 
 def _method(table: Table, given: Any) -> tuple[str, str | Method]:
@@ -105,16 +111,14 @@ def _method(table: Table, given: Any) -> tuple[str, str | Method]:
     if isinstance(given, str) and given in (*METHODS.words(), "auto"):
         return given, given
     if isinstance(given, dict) and isinstance(given.get("method"), str) and given["method"] in METHODS:
-        settings = {key: value for key, value in given.items() if key != "method"}
-        kind = METHODS[given["method"]].made
-        known = [each.name for each in dataclasses.fields(kind)]
+        word, settings = given["method"], {key: value for key, value in given.items() if key != "method"}
+        known = method_settings(word)
         for key in settings:
             if key not in known:
-                raise SceneFileError(
-                    f'the method "{given["method"]}" has no setting {key!r}; it has {", ".join(known)}'
-                )
+                has = f"it has {', '.join(known)}" if known else "it has none"
+                raise SceneFileError(f'the method "{word}" has no setting {key!r}; {has}')
         words = ", ".join(f"{key} {value}" for key, value in settings.items())
-        return f"{given['method']} ({words})" if words else given["method"], kind(**settings)
+        return f"{word} ({words})" if words else word, read_method(Table(given, "methods of [compare]", None), word)
     raise table.wrong(
         "methods",
         f'a list of words ({", ".join(METHODS.words())}), or tables like {{ method = "groupwise", groups = 2 }}',
@@ -127,7 +131,9 @@ def _compared(file: SceneFile, cases: list[Any], finer: int) -> list[Line]:
     with Progress(len(cases) + 1, "run") as bar:
         bar.compiling()
         model, params, state = file.build()
-        end = _end(rollout(model, params, state, file.dt / finer, file.steps * finer, every=file.steps * finer))
+        found = rollout(model, params, state, file.dt / finer, file.steps * finer, every=file.steps * finer)
+        _check_converged(found[1], finer)
+        end = _end(found)
         size = float(np.linalg.norm(end - np.asarray(model.rest), axis=1).max())
         bar.advance(1, "the converged run")
         for label, method, factor, tolerance in cases:
@@ -144,6 +150,17 @@ def _compared(file: SceneFile, cases: list[Any], finer: int) -> list[Line]:
     if not lines:
         raise SceneFileError("no method of [compare] serves this scene: " + "; ".join(refused))
     return lines
+
+
+def _check_converged(info: Any, finer: int) -> None:
+    """Refuse to measure errors by a run that failed itself."""
+    failed = np.flatnonzero(np.asarray(info.status))
+    if len(failed):
+        words = describe(np.asarray(info.status)[failed[0]])
+        raise SceneFileError(
+            f"the run of {finer} times as many steps, which errors are measured by, failed: {words}. Mend the scene, "
+            "or give another `finer` in [compare]"
+        )
 
 
 def _line(

@@ -12,7 +12,18 @@ import jax
 
 from jaxfem.cli.fit_field import field_of, write_field
 from jaxfem.cli.messages import warning
-from jaxfem.fitting import FitError, FitResult, Take, attach, contributions, fit_takes, profile, read_recording, refine
+from jaxfem.fitting import (
+    FitError,
+    FitResult,
+    Take,
+    attach,
+    contributions,
+    fit_takes,
+    profile,
+    read_recording,
+    refine,
+    sample,
+)
 from jaxfem.io.fit_after_page import after_parts
 from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
 from jaxfem.io.fit_json import as_json
@@ -46,6 +57,14 @@ def add(subparsers: Any) -> None:
         action="store_true",
         help="refit at half the time step and on a mesh of eight times the elements: the discretisation's share",
     )
+    parser.add_argument(
+        "--posterior",
+        metavar="DRAWS",
+        type=int,
+        nargs="?",
+        const=500,
+        help="draw from the parameters' posterior, DRAWS (500) in each of four chains (needs jaxfem[posterior])",
+    )
     parser.add_argument("--force", action="store_true", help="replace the results of an earlier fit")
     parser.set_defaults(run=run)
 
@@ -56,7 +75,9 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
-    result, written = fitted(file, folder, args.recording, not args.no_plots, args.profiles, args.refine)
+    result, written = fitted(
+        file, folder, args.recording, not args.no_plots, args.profiles, args.refine, args.posterior
+    )
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
     return EXIT_INTERRUPTED if result.status == "interrupted" else 0
 
@@ -68,11 +89,14 @@ def fitted(
     plots: bool = True,
     profiles: bool = False,
     finer: bool = False,
+    draws: int | None = None,
 ) -> tuple[FitResult, list[Path]]:
     """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
     result, takes = fit_from_file(file, recording)
     if finer:
         result = refine(result, takes_of(file, recording, finer=True))
+    if draws is not None and result.status != "interrupted":
+        result = sample(result, draws, seed=file.settings["seed"])
     written = write_results(folder, result, plots)
     after = _after(result) if profiles else []
     if file.field:

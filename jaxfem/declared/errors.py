@@ -16,13 +16,13 @@ class SceneError(ValueError):
     """A declaration that cannot be built; the message names the body, what is wrong and what to do."""
 
 
-def refuse_traced(declared: Any) -> None:
+def refuse_traced(declared: Any, kind: str | None = None) -> None:
     """Refuse numbers inside jit, grad or vmap, which no check on the host can read; SceneError says where they belong.
 
-    `declared`: a dataclass that users fill in, or the arguments of a call by name.
+    `declared`: a dataclass that users fill in, or numbers by name, those of a `kind` (a call of build).
     """
     plain = isinstance(declared, dict)
-    kind = "call of build" if plain else type(declared).__name__
+    kind = kind or ("call of build" if plain else type(declared).__name__)
     given = declared if plain else {each.name: getattr(declared, each.name) for each in dataclasses.fields(declared)}
     for name, value in given.items():
         if any(isinstance(leaf, jax.core.Tracer) for leaf in jax.tree.leaves(value)):

@@ -9,6 +9,7 @@ import numpy as np
 from jaxfem.declared.errors import SceneError, checked_number, checked_vector, refuse_traced
 from jaxfem.inputs import Flag, Number, Text, Vector, takes
 from jaxfem.motion import Motion
+from jaxfem.rigid.shapes.answers import touching_flaw
 from jaxfem.rigid.shapes.base import Shape, solids
 
 
@@ -42,6 +43,8 @@ class RigidBody:
             raise SceneError(f'shape of "{label}" is a {type(self.shape).__name__}; a rigid body is one of {known}')
         if flaw := self.shape.flaw(label):
             raise SceneError(flaw)
+        if flaw := touching_flaw(self.shape):
+            raise SceneError(f'the shape of "{label}", {type(self.shape).__name__}: {flaw}')
         if (self.density is None) == (self.mass is None):
             raise SceneError(f'"{label}" needs `density` in kg/m^3 or `mass` in kg, one of them')
         for what in ("density", "mass"):

@@ -10,7 +10,7 @@ import numpy as np
 from jaxfem.declared import Joint, RigidBody, SceneError
 from jaxfem.declared.errors import refuse_traced
 from jaxfem.declared.soft import ROTATIONS, Driven, SoftBody
-from jaxfem.elements.smoothing import STRAINS
+from jaxfem.elements.strains import STRAINS
 
 __all__ = ["ROTATIONS", "STRAINS", "Driven", "Scene", "SceneError", "SoftBody"]
 

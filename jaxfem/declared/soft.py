@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxfem.declared.errors import SceneError, checked_choice, refuse_traced
 from jaxfem.declared.loads import Load
-from jaxfem.elements.smoothing import STRAINS
+from jaxfem.elements.strains import PLAIN, STRAINS
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, MaterialError
@@ -53,7 +53,7 @@ class SoftBody:
     driven: Sequence[Driven] = ()
     loads: Sequence[Load] = ()
     velocity: Any = (0.0, 0.0, 0.0)
-    strain: str = "element"
+    strain: str = PLAIN
     rotation: RotationKind = "polar"
     name: str | None = None
     material: Material | None = None
@@ -97,6 +97,8 @@ class SoftBody:
                 f'material of "{label}" is {self.material!r}; give a law with its values, like Linear(young=2e5, '
                 "poisson=0.3)"
             )
+        if self.material is not None:
+            refuse_traced(dict(self.material.values), type(self.material).__name__)
         short = [each.name for each in Linear.constants if getattr(self, each.name) is not None]
         if self.material is not None and short:
             raise MaterialError(

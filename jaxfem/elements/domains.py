@@ -6,18 +6,18 @@ Smoothing over nodes: Bonet & Burton 1998; over edges, and both at once: Nguyen-
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Any, Literal
+from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.strains import PARTS, Part, rows_of
 from jaxfem.elements.tetra import RotationKind, rotated_strain, rotation_of, tetra_gradient
 from jaxfem.materials.base import Material
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
 
 Array = jax.Array
-Part = Literal["full", "deviatoric", "volumetric", "local_volumetric", "shared_volumetric"]
 
 # Above this many shear moduli, the bulk modulus acts on clusters of nodes instead of on each node: see `bulk_shares`.
 LOCAL_BULK = 8.0
@@ -80,17 +80,22 @@ class Domains(Pytree):
     @property
     def by_element(self) -> bool:
         """Whether all of the strain is taken, on elements."""
-        return self.part == "full" and self.members is None
+        return self.whole and self.members is None
+
+    @property
+    def whole(self) -> bool:
+        """Whether all of the strain is taken."""
+        return self.rows == slice(0, 6)
 
     @property
     def rows(self) -> slice:
         """Which of the six coefficients in the eigenbasis belong to this part."""
-        return {"full": slice(0, 6), "deviatoric": slice(1, 6)}.get(self.part, slice(0, 1))
+        return rows_of(self.part)
 
     @property
     def volumetric(self) -> bool:
         """Whether only the volumetric strain is taken."""
-        return self.part.endswith("volumetric")
+        return self.rows == slice(0, 1)
 
     @property
     def row_volumes(self) -> Array:
@@ -188,6 +193,8 @@ class DomainMaterial(Pytree):
     deviatoric: Any
     damping: Any
     offset: Array | None = None
+    linear: ClassVar[bool] = True
+    """As its law says of itself."""
 
     def from_rest(self, strain: list[Array]) -> list[Array]:
         """The strain with the known offset, where there is one."""
@@ -207,7 +214,7 @@ def domain_stiffness(domains: Domains, values: Mapping[str, Array]) -> tuple[Arr
     """Volumetric and deviatoric stiffness (3K, 2 mu) of each set of rows, () or (D,) or (C,) [Pa]."""
     volumetric, deviatoric = domains.law.stiffness(values)
     local, shared = bulk_shares(volumetric, deviatoric)
-    volumetric = {"local_volumetric": local, "shared_volumetric": shared}.get(domains.part, volumetric)
+    volumetric = {"all": volumetric, "local": local, "shared": shared}[PARTS[domains.part].bulk]
     return domain_mean(domains, volumetric), domain_mean(domains, deviatoric)
 
 

@@ -48,7 +48,7 @@ def elastic_response(
     energy, force, rotations = jnp.zeros((), positions.dtype), jnp.zeros_like(positions), []
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
-        if isinstance(material, finite.LawMaterial):
+        if finite.of_energy(material):
             stored, pull = finite.response(each, positions, material)
             energy, force = energy + stored, force + pull
             rotations.append(rotation)
@@ -72,7 +72,7 @@ def viscoelastic_force(
     force = jnp.zeros_like(positions)
     strains = domain_strains(kinds, positions, kind)
     for each, (strain, rotation, _), material in zip(kinds, strains, materials, strict=True):
-        if isinstance(material, finite.LawMaterial):
+        if finite.of_energy(material):
             force = force + finite.viscous_response(each, positions, velocities, material, rotation)
             continue
         rate = symmetric(product(transposed(rotation), domain_gradient(each, velocities)))

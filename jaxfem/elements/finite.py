@@ -5,13 +5,13 @@ have the energy of distortion, volumetric ones K/2 theta^2, clusters of these th
 of K on nodes and on clusters as the rows of linear laws have (see `bulk_shares`).
 """
 
-from typing import Any
+from typing import Any, ClassVar, TypeGuard
 
 import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient, domain_material, domain_mean, row_means
-from jaxfem.materials.nonlinear import Nonlinear, is_nonlinear
+from jaxfem.materials.nonlinear import Nonlinear
 from jaxfem.materials.principal import slope_of, tangent_of
 from jaxfem.pytrees import Pytree
 from jaxfem.tensors import (
@@ -36,6 +36,7 @@ class LawMaterial(DomainMaterial):
     values: Any = None
     internal: Any = None
     dt: Any = None
+    linear: ClassVar[bool] = False
 
     def bulk(self, domains: Domains) -> Any:
         """K of what the domains' energy takes of changes of volume, None where it takes none [Pa]."""
@@ -78,10 +79,15 @@ def law_of(domains: Domains) -> Nonlinear:
     return domains.law
 
 
+def of_energy(material: DomainMaterial) -> TypeGuard[LawMaterial]:
+    """Whether a material's law is not linear in a step, so that stress and tangent come of its energy."""
+    return not material.linear
+
+
 def material_of(domains: Domains, values: Any) -> DomainMaterial:
     """The material of domains from the elements' `values`; with a nonlinear law its stiffness is that at rest."""
     material = domain_material(domains, values)
-    if not is_nonlinear(domains.law):
+    if domains.law.linear:
         return material
     own = {each.name: domain_mean(domains, values[each.name]) for each in domains.law.constants}
     return LawMaterial(material.volumetric, material.deviatoric, material.damping, None, own)

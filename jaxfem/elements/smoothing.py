@@ -5,17 +5,13 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.elements.domains import Clusters, Domains, Part
+from jaxfem.elements.domains import Clusters, Domains
+from jaxfem.elements.strains import PARTS, STRAINS, Domain, Part
 from jaxfem.materials.base import Material
 from jaxfem.mesh.groups import body_groups
 from jaxfem.pytrees import on_device
 
-STRAINS: dict[str, tuple[tuple[str, Part], ...]] = {
-    "element": (("element", "full"),),
-    "nodal_volume": (("element", "deviatoric"), ("node", "volumetric")),
-    "smoothed": (("edge", "deviatoric"), ("node", "local_volumetric"), ("node", "shared_volumetric")),
-}
-"""What each kind of strain rows takes on which domains; shared volumetric rows come right after the local ones."""
+__all__ = ["STRAINS", "build_domains"]
 
 # Clusters that share volumetric rows: larger ones are softer and cheaper. Past the most, they grow with the mesh.
 CLUSTER_NODES = 8
@@ -25,7 +21,7 @@ _EDGES = ((0, 1), (0, 2), (0, 3), (1, 2), (1, 3), (2, 3))
 
 
 def build_domains(
-    kind: str,
+    kind: Domain,
     part: Part,
     law: Material,
     chosen: np.ndarray,
@@ -53,7 +49,7 @@ def build_domains(
     whole = kind == "element" and len(chosen) == len(cells)
     order = np.argsort(-valence, kind="stable")
     clusters = None
-    if part == "shared_volumetric":
+    if PARTS[part].bulk == "shared":
         own = np.unique(cells[chosen])[order]
         clusters = _clusters(points[own], body[members[order, 0]], total[order], nodes[order], valence[order], dtype)
     return Domains(
@@ -94,7 +90,7 @@ def _clusters(
     )
 
 
-def _owners(kind: str, cells: np.ndarray) -> tuple[np.ndarray, int]:
+def _owners(kind: Domain, cells: np.ndarray) -> tuple[np.ndarray, int]:
     """Domains (E, s) among which each element is shared, and their number."""
     if kind == "element":
         return np.arange(len(cells))[:, None], len(cells)

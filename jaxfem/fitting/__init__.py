@@ -5,11 +5,12 @@ from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.fields import FieldFit, fit_field
 from jaxfem.fitting.markers import Markers, attach, marker_positions
 from jaxfem.fitting.noise import Noise
+from jaxfem.fitting.posterior import sample
 from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recording import Recording, read_recording, write_recording
 from jaxfem.fitting.recovery import fit, fit_takes
 from jaxfem.fitting.refining import refine
-from jaxfem.fitting.result import FitResult, Refinement, TakeFit
+from jaxfem.fitting.result import FitResult, Posterior, Refinement, TakeFit
 from jaxfem.fitting.search import Search
 from jaxfem.fitting.sensitivity import sensitivity
 from jaxfem.fitting.takes import Take
@@ -22,6 +23,7 @@ __all__ = [
     "LogNormal",
     "Markers",
     "Noise",
+    "Posterior",
     "Recording",
     "Refinement",
     "Search",
@@ -36,6 +38,7 @@ __all__ = [
     "profile",
     "read_recording",
     "refine",
+    "sample",
     "sensitivity",
     "write_recording",
 ]

@@ -47,7 +47,7 @@ def _locking(model: Model, params: Params, unknowns: Unknowns) -> list[str]:
     if not model.laws:
         return []
     poisson = float(jnp.max(ratio_and_modulus(*element_stiffness(model, params))[0]))
-    if poisson <= 0.45 + 1e-6 or not any(each.part == "full" for each in model.domains):
+    if poisson <= 0.45 + 1e-6 or not any(each.whole for each in model.domains):
         return []
     return [
         f"Poisson's ratio is {poisson:.4g} with plain linear tetrahedra, which lock above 0.45: they are too stiff "

@@ -7,12 +7,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator
 from jaxfem.fitting.markers import moved_markers
 from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.fitting.result import FitResult
-from jaxfem.fitting.search import levenberg_marquardt
 
 EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of one parameter ends (chi^2, one degree)
 STEPS = 24

@@ -84,7 +84,8 @@ def start_faults(
         told = simulated * np.asarray(piece.problem.weights, np.float64)  # in the residual's unit
         size += float(((told - told.mean(axis=0)) ** 2).sum())
         columns.append(jacobian)
-        if frame != "all":
+        coupled = piece.problem.model.coupled  # what bounces or swings may be anywhere, with values that are off
+        if frame != "all" and not coupled:
             faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare)
     joined = np.concatenate(columns, axis=1)
     if evaluator.priors is not None:

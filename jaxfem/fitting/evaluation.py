@@ -4,16 +4,27 @@ import dataclasses
 from collections.abc import Callable, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.objective import Outcome, Plan, Problem, linearised, residuals
+from jaxfem.fitting.objective import (
+    Outcome,
+    Plan,
+    Problem,
+    linearised,
+    linearised_of_many,
+    residuals,
+    residuals_of_many,
+)
 from jaxfem.fitting.priors import Priors
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
 Linear = tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]
+LANES = 8
+"""Points that are simulated side by side."""
 BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
@@ -42,9 +53,22 @@ class Piece:
         dt = self.problem.dt * self.plan.every / every
         return Piece(self.problem.replace(dt=dt), dataclasses.replace(self.plan, every=every), self.columns)
 
+    def until(self, share: float) -> "Piece":
+        """The same with the samples of the first share of its time alone; what is behind them is not simulated."""
+        times = np.asarray(self.problem.times, np.float64)
+        there = times <= times[0] + share * (times[-1] - times[0])
+        weights = jnp.where(there[:, None, None], self.problem.weights, 0)
+        return Piece(self.problem.replace(weights=weights), self.plan, self.columns)
+
     def at(self, z: np.ndarray) -> Any:
-        """Its own unknowns, as its model takes them."""
-        return jnp.asarray(z[self.columns], self.problem.model.rest.dtype)
+        """Its own unknowns, as its model takes them, of one point (P,) or several (S, P)."""
+        return jnp.asarray(z[..., self.columns], self.problem.model.rest.dtype)
+
+    def spread(self, own: Any, count: int) -> np.ndarray:
+        """A Jacobian in its own unknowns as one in all `count` of the fit."""
+        jacobian = np.zeros((count, *own.shape[1:]))
+        jacobian[self.columns] = np.asarray(own, np.float64)
+        return jacobian
 
 
 class Evaluator:
@@ -79,6 +103,13 @@ class Evaluator:
         other.history = self.history
         return other
 
+    def until(self, share: float) -> "Evaluator":
+        """The same fit of the first share of each take; the history is shared."""
+        pieces = [each.until(share) for each in self.pieces]
+        other = Evaluator(pieces, self.unknowns, self.progress, self.priors, self.variance)
+        other.history = self.history
+        return other
+
     def apart(self) -> "Evaluator":
         """The same fit with a history of its own, of which nobody is told."""
         return Evaluator(self.pieces, self.unknowns, None, self.priors, self.variance)
@@ -98,13 +129,33 @@ class Evaluator:
         found = [linearised(each.at(z), each.problem, each.plan) for each in self.pieces]
         outcomes = [outcome for *_, outcome in found]
         r = [_or_infinite(each, outcome) for each, _, outcome in found]
-        jacobians = []
-        for piece, (each, own, _) in zip(self.pieces, found, strict=True):
-            jacobian = np.zeros((z.size, *each.shape))
-            jacobian[piece.columns] = np.asarray(own, np.float64)
-            jacobians.append(jacobian)
+        jacobians = [piece.spread(own, z.size) for piece, (_, own, _) in zip(self.pieces, found, strict=True)]
         self.last = np.array(z), (self._seen(z, r, outcomes, derivatives=True), jacobians, outcomes)
         return self.last[1]
+
+    def together(self, points: Sequence[np.ndarray], derivatives: bool) -> list[Any]:
+        """What `linear`, or without `derivatives` `residual`, says of each point, `LANES` of them at a time."""
+        return [
+            told for first in range(0, len(points), LANES) for told in self._lanes(points[first:][:LANES], derivatives)
+        ]
+
+    def _lanes(self, points: Sequence[np.ndarray], derivatives: bool) -> list[Any]:
+        """Up to `LANES` points side by side, in one program for any number of them."""
+        padded = np.array([*points, *[points[-1]] * (LANES - len(points))])
+        make: Any = linearised_of_many if derivatives else residuals_of_many
+        parts = [jax.tree.map(np.asarray, make(each.at(padded), each.problem, each.plan)) for each in self.pieces]
+        found: list[Any] = []
+        for lane, z in enumerate(points):
+            mine = [jax.tree.map(lambda leaf, lane=lane: leaf[lane], part) for part in parts]
+            outcomes = [part[-1] for part in mine]
+            r = [_or_infinite(part[0], outcome) for part, outcome in zip(mine, outcomes, strict=True)]
+            self._seen(z, r, outcomes, derivatives)
+            if derivatives:
+                columns = [piece.spread(part[1], z.size) for piece, part in zip(self.pieces, mine, strict=True)]
+                found.append((r, columns, outcomes))
+            else:
+                found.append((r, outcomes))
+        return found
 
     def loss(self, r: Sequence[np.ndarray] | np.ndarray) -> float:
         """Mean square of the residuals that are there; infinite where one is not finite."""

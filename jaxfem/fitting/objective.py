@@ -15,7 +15,7 @@ from jaxfem.fitting.paths import with_all
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
-from jaxfem.stepping import rollout
+from jaxfem.stepping.frames import watched
 
 Array = jax.Array
 
@@ -23,7 +23,8 @@ Array = jax.Array
 @dataclasses.dataclass(frozen=True)
 class Plan:
     """What shapes the compiled program: fitted `constants`, saved `frames`, steps `every` frame, `frame` ("none",
-    "all"), `compare`, `free_origin`: whether displacements are compared up to one constant for each marker."""
+    "all"), `compare`, `free_origin`: whether displacements are compared up to one constant for each marker;
+    `at_once`: how many columns of a Jacobian are made side by side, None for all."""
 
     constants: tuple[Constant, ...]
     frames: int
@@ -31,6 +32,7 @@ class Plan:
     frame: str
     compare: str
     free_origin: bool = False
+    at_once: int | None = None
 
 
 class Problem(Pytree):
@@ -120,7 +122,25 @@ def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Ou
     def tangent(direction: Array) -> tuple[Array, Array, Outcome]:
         return jax.jvp(lambda u: residuals(u, problem, plan), (z,), (direction,), has_aux=True)
 
-    return jax.vmap(tangent, out_axes=(None, 0, None))(jnp.eye(z.size, dtype=z.dtype))
+    directions = jnp.eye(z.size, dtype=z.dtype)
+    if plan.at_once is None or plan.at_once >= z.size:
+        return jax.vmap(tangent, out_axes=(None, 0, None))(directions)
+    r, columns, outcome = jax.lax.map(tangent, directions, batch_size=plan.at_once)
+    return r[0], columns, jax.tree.map(lambda leaf: leaf[0], outcome)
+
+
+@partial(jax.jit, static_argnames="plan")
+def residuals_of_many(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+    """`residuals` at points z (S, P), side by side."""
+    found: tuple[Array, Outcome] = jax.vmap(lambda one: residuals(one, problem, plan))(z)
+    return found
+
+
+@partial(jax.jit, static_argnames="plan")
+def linearised_of_many(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Outcome]:
+    """`linearised` at points z (S, P), side by side."""
+    found: tuple[Array, Array, Outcome] = jax.vmap(lambda one: linearised(one, problem, plan))(z)
+    return found
 
 
 def interpolated(frames: Array, places: Array) -> Array:
@@ -138,13 +158,28 @@ def interpolated(frames: Array, places: Array) -> Array:
 
 
 def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Array]:
-    steps = plan.frames * plan.every
-    states, infos = rollout(problem.model, params, state, problem.dt, steps, every=plan.every)
-    start = marker_places(problem.markers, state)
-    frames = jnp.concatenate([start[None], marker_places(problem.markers, states)])
+    """Where the markers are in each frame up to the last that has a sample: nothing else of the states is kept."""
+    places, status = watched(
+        problem.model,
+        params,
+        state,
+        problem.dt,
+        _frames_needed(problem, plan),
+        plan.every,
+        most=plan.frames,
+        keep=lambda reached: marker_places(problem.markers, reached),
+    )
+    frames = jnp.concatenate([marker_places(problem.markers, state)[None], places])
     if problem.camera is not None:
         frames = pixels(problem.camera, frames)
-    return frames, jnp.max(infos.status)
+    return frames, status
+
+
+def _frames_needed(problem: Problem, plan: Plan) -> Array:
+    """Frames up to the last sample, with as many behind it as there are behind the recording's last."""
+    seen = jnp.any(problem.weights > 0, axis=(1, 2))
+    left_out = problem.times[-1] - jnp.max(jnp.where(seen, problem.times, 0.0))
+    return jnp.clip(plan.frames - jnp.floor(left_out).astype(jnp.int32), 2, plan.frames)
 
 
 def pixels(camera: Array, places: Array) -> Array:

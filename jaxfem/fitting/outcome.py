@@ -7,14 +7,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.advice import advice, sample_advice, weakest_in_words
+from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.evaluation import Evaluator, Piece
+from jaxfem.fitting.multistart import doubts, waterfall
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Outcome
 from jaxfem.fitting.paths import with_all
 from jaxfem.fitting.release import scatter
 from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.fitting.rounds import Judged
-from jaxfem.fitting.search import levenberg_marquardt
 from jaxfem.fitting.sharing import Shared, shared_unknowns
 from jaxfem.fitting.statistics import autocorrelation
 from jaxfem.fitting.takes import Prepared, compiled_piece
@@ -34,8 +35,9 @@ def result_of(
     status: str,
     faults: Sequence[str],
     repairs: Sequence[str],
+    ends: Sequence[tuple[np.ndarray, np.ndarray, float]] = (),
 ) -> FitResult:
-    """The result at the solution."""
+    """The result at the solution; `ends`: (start, end, loss) of each start, where some were drawn."""
     z, spread, unknown = best.z, best.uncertainty, evaluator.unknowns
     residual, _, outcomes = evaluator.linear(z)
     failed = any(int(each.status) != 0 for each in outcomes)
@@ -48,9 +50,11 @@ def result_of(
     ]
     bars = np.sqrt(np.maximum(np.diag(spread.covariance), 0.0))
     first, piece = made[0], evaluator.pieces[0]
+    fall = waterfall(unknown, ends, evaluator.samples, spread.inflation) if ends else ()
     failures = evaluator.step_failures if failed else 0
     dt = float(piece.problem.dt)
     warnings = [
+        *doubts(fall),
         *advice(
             first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
         ),
@@ -74,6 +78,7 @@ def result_of(
         status="steps failed" if status == "converged" and failed else status,
         warnings=(*faults, *warnings),
         repairs=tuple(repairs),
+        ends=fall,
         solution=(evaluator.apart(), best),  # without the caller's `progress`, and what it holds
     )
 

@@ -2,7 +2,9 @@
 
 `contact.NAME.friction`, `joint.NAME.compliance` (what the values of their rows declare, see `materials/quantities.py`),
 `load.NUMBER.x`, `load.NUMBER.factor`, `gravity.x`, `gravity.turn.x`, `velocity.BODY.x`, `spin.BODY.x`, `mass.BODY`,
-`young.BODY` (any constant of a material, of one body), `shear_modulus` and `bulk_modulus`.
+`place.BODY.x` and `turn.BODY.x` (of what starts free), `young.BODY` (any constant of a material, of one body),
+`motion.NUMBER.amplitude.x` (of driven nodes) and `motion.BODY.velocity.x` (of a driven rigid body) and whatever else
+`Motion` declares, `shear_modulus` and `bulk_modulus`.
 """
 
 import dataclasses
@@ -12,8 +14,9 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Spot, Start, Turn
+from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Spot, Start, StartTurn, Turn
 from jaxfem.fitting.unknowns import with_values
+from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.materials.quantities import quantities_of, signed_constant
 from jaxfem.model import Model, Params, State
@@ -53,7 +56,7 @@ def value_of(constant: Constant, params: Params, state: State) -> float:
 
 def placed_constants(model: Model, params: Params, state: State) -> dict[str, Constant]:
     """All that can be fitted by path in a scene."""
-    makers = (_rows, _loads, _gravity, _starts, _masses, _bodies, _moduli)
+    makers = (_rows, _loads, _motions, _gravity, _starts, _masses, _bodies, _moduli)
     return {each.name: each for make in makers for each in make(model, params, state)}
 
 
@@ -70,9 +73,9 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Placed]:
             names = groups[label].names
             length = getattr(groups[label], "length", True)
             for field, quantity in quantities_of(values[label]):
-                constant = quantity.of(length)
-                if constant.name == "friction" and not groups[label].rough:
+                if quantity.needs and not getattr(groups[label], quantity.needs, True):
                     continue
+                constant = quantity.of(length)
                 for owner in dict.fromkeys(names):
                     own = tuple(k for k, each in enumerate(names) if each == owner)
                     path = f"{kind}.{owner}.{constant.name}"
@@ -98,6 +101,25 @@ def _loads(model: Model, params: Params, state: State) -> Iterator[Placed]:
         yield _placed(f"load.{number}.factor", factor, Factor(number))
 
 
+def _motions(model: Model, params: Params, state: State) -> Iterator[Placed]:
+    """What prescribed motions declare: of driven nodes by the motion's number, of rigid bodies by their name."""
+    found: list[tuple[str, Keys, Any]] = [
+        (str(number), ("motions", number), motion) for number, motion in enumerate(params.motions)
+    ]
+    if model.rigid is not None and params.rigid is not None:
+        bodies = [model.rigid.names[int(k)] for k in np.asarray(model.rigid.driven)]
+        pairs = zip(bodies, params.rigid.motions, strict=True)
+        found += [(body, ("rigid", "motions", k), motion) for k, (body, motion) in enumerate(pairs)]
+    for owner, keys, motion in found:
+        for field, quantity in quantities_of(motion):
+            constant, path = quantity.constant, f"motion.{owner}.{quantity.constant.name}"
+            if np.shape(getattr(motion, field)) == (3,):
+                for k, axis in enumerate(AXES):
+                    yield _placed(f"{path}.{axis}", constant, Entries((((*keys, field), (k,)),)))
+            else:
+                yield _placed(path, constant, Entries((((*keys, field), None),)))
+
+
 def _gravity(model: Model, params: Params, state: State) -> Iterator[Placed]:
     turn = signed_constant("turn", "rad", "")
     for k, axis in enumerate(AXES):
@@ -108,18 +130,24 @@ def _gravity(model: Model, params: Params, state: State) -> Iterator[Placed]:
 
 def _starts(model: Model, params: Params, state: State) -> Iterator[Placed]:
     speed, spin = signed_constant("velocity", "m/s", ""), signed_constant("spin", "rad/s", "")
+    place, turn = signed_constant("place", "m", ""), signed_constant("turn", "rad", "")
     free, body = np.asarray(model.free) > 0, np.asarray(model.node_body)
     for k, axis in enumerate(AXES):
         for number, name in enumerate(model.bodies):
             rows = tuple(np.flatnonzero(free & (body == number)).tolist())
             if rows:
                 yield _placed(f"velocity.{name}.{axis}", speed, Start("velocities", False, rows, k))
+            if len(rows) == np.count_nonzero(body == number):
+                yield _placed(f"place.{name}.{axis}", place, Start("positions", False, rows, k))
         if model.rigid is None:
             continue
         for number, name in enumerate(model.rigid.names):
             if float(model.rigid.free[number]) > 0:
                 yield _placed(f"velocity.{name}.{axis}", speed, Start("velocities", True, (number,), k))
                 yield _placed(f"spin.{name}.{axis}", spin, Start("angular_velocities", True, (number,), k))
+                yield _placed(f"place.{name}.{axis}", place, Start("positions", True, (number,), k))
+                turned = StartTurn(number, k)
+                yield _placed(f"turn.{name}.{axis}", turn, turned, bounds=(-np.pi, np.pi), absolute=True)
 
 
 def _masses(model: Model, params: Params, state: State) -> Iterator[Placed]:
@@ -140,7 +168,28 @@ def _bodies(model: Model, params: Params, state: State) -> Iterator[Placed]:
 
 
 def _moduli(model: Model, params: Params, state: State) -> Iterator[Placed]:
-    if {"young", "poisson"} <= set(params.constants) and all("shear" not in name for name in params.constants):
+    """Both moduli, where every law has its stiffness of Young's modulus and Poisson's ratio alone."""
+    pair = {"young", "poisson"}
+    if model.laws and pair <= set(params.constants) and all(asked_of(law, params) == pair for law in model.laws):
         modulus = Constant("modulus", "Pa", "must be > 0 Pa", low=0.0)
         yield _placed("shear_modulus", modulus, Modulus(False), label="shear modulus", stiffness=True)
         yield _placed("bulk_modulus", modulus, Modulus(True), label="bulk modulus", limit=True, bounds=(1e-3, 1e6))
+
+
+class _Reads(dict[str, Any]):
+    """Values that remember which of them were read."""
+
+    def __init__(self, values: Mapping[str, Any]):
+        super().__init__(values)
+        self.names: set[str] = set()
+
+    def __getitem__(self, name: str) -> Any:
+        self.names.add(name)
+        return super().__getitem__(name)
+
+
+def asked_of(law: Material, params: Params) -> set[str]:
+    """Names of the constants that a law's stiffness is made of."""
+    values = _Reads({name: jnp.mean(jnp.asarray(value)) for name, value in params.constants.items()})
+    law.stiffness(values)
+    return values.names

@@ -7,6 +7,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
@@ -24,9 +25,13 @@ class Gaussian:
         if not (np.isfinite(self.mean) and np.isfinite(self.deviation) and self.deviation > 0):
             raise FitError(f"a prior has mean {self.mean} and deviation {self.deviation}: give deviation > 0")
 
+    def score(self, value: Any) -> Any:
+        """(value - mean) / deviation; traceable."""
+        return (value - self.mean) / self.deviation
+
     def row(self, value: float) -> tuple[float, float]:
-        """(value - mean) / deviation, and its derivative in the value."""
-        return (value - self.mean) / self.deviation, 1 / self.deviation
+        """The score, and its derivative in the value."""
+        return float(self.score(value)), 1 / self.deviation
 
 
 @dataclasses.dataclass(frozen=True)
@@ -40,8 +45,12 @@ class LogNormal:
         if not (self.median > 0 and np.isfinite(self.median) and self.factor > 1 and np.isfinite(self.factor)):
             raise FitError(f"a prior has median {self.median} and factor {self.factor}: give median > 0 and factor > 1")
 
+    def score(self, value: Any) -> Any:
+        """log(value / median) / log factor; traceable."""
+        return jnp.log(value / self.median) / float(np.log(self.factor))
+
     def row(self, value: float) -> tuple[float, float]:
-        """log(value / median) / log factor, and its derivative in the value."""
+        """The score, and its derivative in the value."""
         width = float(np.log(self.factor))
         return float(np.log(value / self.median)) / width, 1 / (width * value)
 

@@ -1,6 +1,5 @@
 """fit and fit_takes: material values of bodies from recordings of their motion, with error bars."""
 
-import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -12,19 +11,20 @@ from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
 from jaxfem.fitting.limits import with_limits
 from jaxfem.fitting.markers import Markers
+from jaxfem.fitting.memory import limit_memory
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.outcome import held_take, result_of
 from jaxfem.fitting.priors import checked_priors
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
-from jaxfem.fitting.search import Search, find, levenberg_marquardt
+from jaxfem.fitting.search import Search
 from jaxfem.fitting.sharing import Shared, shared_unknowns
+from jaxfem.fitting.strategy import Strategy, checked_strategy, searched, searching
 from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, prepared
 from jaxfem.model import Model, Params, State
 
 CHECKS = ("refuse", "warn")
-MANY_SUBSTEPS = 3  # from here on, the search takes one step a sample and only the polish all of them
 
 
 def fit(
@@ -68,6 +68,10 @@ def fit_takes(
     search: Search | None = None,
     progress: Progress | None = None,
     checks: str = "refuse",
+    multi_start: int = 0,
+    seed: int = 0,
+    windows: int = 1,
+    max_memory: float | None = None,
 ) -> FitResult:
     """Recover values that several recordings share, and those that each has for itself.
 
@@ -80,6 +84,9 @@ def fit_takes(
     `priors`: name -> `Gaussian` or `LogNormal`. `noise`: see `Noise`; `sigma` for short.
     `checks`: before the search recordings are looked at, wrong samples are left out (`FitResult.repairs` says which)
     and what cannot be right is refused; "warn" goes on and makes it a warning.
+    `multi_start`: so many starts are drawn with `seed` beside those given, and followed side by side;
+    `FitResult.ends` says where each led. `windows`: each take is fitted from its beginning on in windows that grow, so
+    many in all: for long recordings of what touches. `max_memory` [GB]: of one simulation with derivatives.
     `progress(stage, iteration, loss, values)` is called after each simulation. Ctrl-C returns the best so far.
 
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
@@ -92,20 +99,24 @@ def fit_takes(
         [take for take in takes if take.name not in out], parameters, own, starts, bounds, noise, priors, checks
     )
     evaluator.progress = progress
+    settings = search or Search()
+    strategy = checked_strategy(
+        Strategy(settings, windows, multi_start, seed), [len(each.measured.times) for each in made]
+    )
+    limit_memory(evaluator, max_memory)
     held = [prepared(take, checks) for take in takes if take.name in out]
     usual = usual_scales(made)
     frames = [each.take.frame for each in made]
     faults = [text for each in (*made, *held) for text in each.faults]
     faults += refuse(
-        start_faults(_searching(evaluator), shared.starts[0], [each.measured for each in made], frames), checks
+        start_faults(searching(evaluator), shared.starts[0], [each.measured for each in made], frames), checks
     )
-    settings = search or Search()
-    z, status = _searched(evaluator, shared.starts, settings)
+    z, status, ends = searched(evaluator, shared, strategy)
     best = judged(evaluator, made, z, noise, settings.polish if status == "converged" else 0, settings.tol)
     evaluator.stage = "error bars"
     told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
     repairs = [text for each in (*made, *held) for text in each.notes] + outside(made[0].params, shared.unknowns)
-    found = result_of(evaluator, made, shared, best, noise, told, status, faults, repairs)
+    found = result_of(evaluator, made, shared, best, noise, told, status, faults, repairs, ends)
     return found if status == "interrupted" else with_limits(found)
 
 
@@ -157,45 +168,3 @@ def _held_out(takes: Sequence[Take], held_out: Sequence[str]) -> tuple[str, ...]
 def _usual_scale(made: Sequence[Any]) -> float:
     """Root mean square motion of all takes: one for all, since their cameras scatter alike."""
     return float(np.sqrt(np.mean([each.measured.displacement_scale**2 for each in made]))) if made else 1.0
-
-
-def _searching(evaluator: Evaluator) -> Evaluator:
-    """Takes one step a sample where many are asked for."""
-    most = max(piece.plan.every for piece in evaluator.pieces)
-    return evaluator.with_steps(1) if most >= MANY_SUBSTEPS else evaluator
-
-
-def _searched(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> tuple[np.ndarray, str]:
-    coarse = _searching(evaluator)
-    try:
-        if coarse is evaluator:
-            z = find(evaluator, starts, search)
-        else:
-            z = find(coarse, starts, dataclasses.replace(search, polish=6, tol=1e-2))
-            z = _less_numerical_damping(evaluator, z)
-            evaluator.stage = "polish"
-            z, _ = levenberg_marquardt(evaluator, z, search.polish, tol=search.tol)
-        polished = sum(visit.stage == "polish" for visit in evaluator.history)
-        status = "converged" if polished < 2 * search.polish else "iteration limit"
-    except KeyboardInterrupt:
-        best = evaluator.best if evaluator.best is not None else coarse.best
-        if best is None:
-            raise
-        return best, "interrupted"
-    if not np.isfinite(evaluator.best_loss):
-        raise FitError(
-            "no trial gave a finite motion: check that the scene itself runs, take a smaller dt, or narrow the bounds"
-        )
-    return z, status
-
-
-def _less_numerical_damping(evaluator: Evaluator, z: np.ndarray) -> np.ndarray:
-    """What larger backward Euler steps damped, handed to the material: a mode loses omega (beta + dt) / 2 in all."""
-    unknown, piece = evaluator.unknowns, evaluator.pieces[0]
-    if piece.problem.model.scheme.order > 1:
-        return z
-    values = unknown.values(z)
-    for each in unknown.constants:
-        if each.viscous:
-            values[each.name] += float(piece.problem.dt) * (piece.plan.every - 1)
-    return unknown.unknown(values)

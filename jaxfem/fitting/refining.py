@@ -9,13 +9,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Piece
 from jaxfem.fitting.markers import Markers, attach
 from jaxfem.fitting.paths import Placed, placed_constants
 from jaxfem.fitting.result import FitResult, Refinement
 from jaxfem.fitting.rounds import Judged
-from jaxfem.fitting.search import levenberg_marquardt
 from jaxfem.fitting.takes import Take
 from jaxfem.solvers import Status
 from jaxfem.stepping import typed

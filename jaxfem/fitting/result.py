@@ -7,6 +7,7 @@ import numpy as np
 
 from jaxfem.fitting.advice import text_of
 from jaxfem.fitting.evaluation import Visit
+from jaxfem.fitting.multistart import End, in_words
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Params, State
 
@@ -79,6 +80,46 @@ class Refinement:
 
 
 @dataclasses.dataclass(frozen=True)
+class Posterior:
+    """Draws from the distribution of the parameters that samples and priors leave: `values` (C, N, P) of C chains, in
+    the order of `names`; `kind` of the walk; `intervals` that hold 95 % of the draws, `means` and `deviations` by name;
+    `scale_reduction` (Gelman & Rubin 1992), near 1 where the chains agree, and `effective` number of independent draws
+    by name; `accepted`: mean acceptance; `divergent`: how many draws the integrator lost its way in."""
+
+    names: tuple[str, ...]
+    values: np.ndarray
+    kind: str
+    scale_reduction: dict[str, float]
+    effective: dict[str, float]
+    accepted: float
+    divergent: int
+
+    @property
+    def intervals(self) -> dict[str, tuple[float, float]]:
+        """Between which 95 % of the draws are."""
+        low, high = np.quantile(self.values.reshape(-1, len(self.names)), (0.025, 0.975), axis=0)
+        return dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
+
+    @property
+    def means(self) -> dict[str, float]:
+        """Of all draws."""
+        return dict(zip(self.names, self.values.mean(axis=(0, 1)).tolist(), strict=True))
+
+    @property
+    def deviations(self) -> dict[str, float]:
+        """Standard deviations of all draws."""
+        return dict(zip(self.names, self.values.std(axis=(0, 1)).tolist(), strict=True))
+
+    def lines(self) -> list[str]:
+        """A line a parameter."""
+        return [
+            f"posterior of {name}: mean {self.means[name]:.5g} +- {self.deviations[name]:.2g} (95 %: {low:.5g} to "
+            f"{high:.5g}; about {self.effective[name]:.0f} independent draws)"
+            for name, (low, high) in self.intervals.items()
+        ]
+
+
+@dataclasses.dataclass(frozen=True)
 class FitResult:
     """What a fit found.
 
@@ -90,7 +131,8 @@ class FitResult:
     `sigmas`: standard deviation of each group's noise [m]; `history`: every evaluation; `iterations`: those with
     derivatives; `status`: "converged", "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make
     values wrong; `repairs`: what was left out, repaired or noticed in the recordings; `refinements`: see
-    `refine`. `times`, `release`, `residuals` and so on are those of the first take (see `TakeFit`).
+    `refine`; `ends`: where each start led, lowest loss first, if some were drawn; `posterior`: see `sample`. `times`,
+    `release`, `residuals` and so on are those of the first take (see `TakeFit`).
     """
 
     constants: tuple[Constant, ...]
@@ -111,6 +153,8 @@ class FitResult:
     warnings: tuple[str, ...]
     repairs: tuple[str, ...] = ()
     refinements: tuple[Refinement, ...] = ()
+    ends: tuple[End, ...] = ()
+    posterior: Posterior | None = None
     solution: Any = dataclasses.field(default=None, repr=False)
 
     @property
@@ -175,7 +219,9 @@ class FitResult:
         lines.append(f"  {self.status}, {len(self.history)} simulations, {self.iterations} of them with derivatives")
         if self.weakest:
             lines.append(f"  {self.weakest}")
+        lines += [f"  {in_words(self.ends)}"] if self.ends else []
         lines += [f"  {each.line()}" for each in self.refinements]
+        lines += [f"  {line}" for line in self.posterior.lines()] if self.posterior else []
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)

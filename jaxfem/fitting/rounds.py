@@ -5,10 +5,10 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.correlation import Channels
 from jaxfem.fitting.evaluation import Evaluator
 from jaxfem.fitting.noise import LOSSES, ROUNDS, Noise
-from jaxfem.fitting.search import levenberg_marquardt
 from jaxfem.fitting.statistics import Uncertainty, uncertainty
 from jaxfem.fitting.takes import Prepared, channels_of
 from jaxfem.fitting.weighting import Arrays, Weighed, Weighting, Whitened

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.evaluation import Evaluator
-from jaxfem.fitting.weighting import Plain, Smoothed, Weighting, smoother
+from jaxfem.fitting.weighting import Smoothed, Weighting, smoother
 
 if TYPE_CHECKING:  # slow to import: only where its steps are asked for
     import optax
@@ -42,7 +43,7 @@ class Search:
 
 def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.ndarray:
     """The best z (P,) found from the starting points; KeyboardInterrupt is left to the caller."""
-    long, short = (_averages(evaluator, share) for share in (4, 20))
+    long, short = (averages(evaluator, share) for share in (4, 20))
     found = [point for start in starts for point in _scan(evaluator, start, long)]
     picked = sorted(found, key=lambda each: each[0])[: search.candidates]
     ends, begun = [], list[np.ndarray]()
@@ -69,13 +70,14 @@ def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.n
     return best
 
 
-def _averages(evaluator: Evaluator, share: float) -> Smoothed:
+def averages(evaluator: Evaluator, share: float) -> Smoothed:
     """Averages over a share of each take."""
     smoothers = []
     for piece in evaluator.pieces:
         times = np.asarray(piece.problem.times, np.float64)
         seen = np.asarray(piece.problem.weights, np.float64)[..., 0] > 0
-        smoothers.append(smoother(times, seen, (times[-1] - times[0]) / share))
+        there = times[seen.any(axis=1)]
+        smoothers.append(smoother(times, seen, float(np.ptp(there)) / share))
     return Smoothed(smoothers)
 
 
@@ -89,7 +91,7 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Weighting) -> list[tu
     axis = evaluator.unknowns.scanned
     if axis is None:
         return [(evaluator.loss(evaluator.residual(start)[0]), start)]
-    low, high = _range(evaluator, start, axis)
+    low, high = stiffness_range(evaluator, start, axis)
     count = max(3, int(np.ceil((high - low) / np.log(SCAN_RATIO))) + 1)
     points, losses, beyond = [], [], 0
     for value in np.linspace(high, low, count):
@@ -107,7 +109,7 @@ def _scan(evaluator: Evaluator, start: np.ndarray, smooth: Weighting) -> list[tu
     return [(table[i, 0], points[i]) for i in sorted({*smoothed, *others})]
 
 
-def _range(evaluator: Evaluator, start: np.ndarray, axis: int) -> tuple[float, float]:
+def stiffness_range(evaluator: Evaluator, start: np.ndarray, axis: int) -> tuple[float, float]:
     """Where to scan log E: a factor of six about a value at which the body moves about as far as measured, found by E
     <- E times the ratio of both; all of the bounds where that leads nowhere, as under a prescribed motion."""
     low, high = (float(bound[axis]) for bound in evaluator.unknowns.box)
@@ -178,101 +180,3 @@ def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Weighting, search: Sea
         updates, state = optimizer.update(gradient, state, z)
         z = np.clip(np.asarray(optax.apply_updates(z, updates), np.float64), low, high)
     return best
-
-
-@dataclasses.dataclass(frozen=True)
-class Goal:
-    """What is minimised: the mean square of weighted residuals, and of what is known of the unknowns before."""
-
-    evaluator: Evaluator
-    weighting: Weighting
-
-    def value(self, z: np.ndarray) -> float:
-        """The loss at z."""
-        loss = self.evaluator.loss(self.weighting.residual(self.evaluator.residual(z)[0]))
-        return loss + self._before(z)[0]
-
-    def linear(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """Loss, J'J (P, P) and J'r (P,) at z."""
-        r, jacobian, _ = self.evaluator.linear(z)
-        flat, columns = self.weighting.residual(r), self.weighting.columns(jacobian)
-        loss, normal, gradient = self._before(z)
-        return loss + self.evaluator.loss(flat), normal + columns @ columns.T, gradient + columns @ flat
-
-    def gain(self, loss: float, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray) -> float:
-        """The share of the loss that a full Gauss-Newton step of the `free` unknowns promises."""
-        step = _damped_step(normal[np.ix_(free, free)], gradient[free], 1e-12)
-        return float(-gradient[free] @ step) / max(self.evaluator.samples, 1) / loss
-
-    def _before(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        if self.evaluator.priors is None:
-            return 0.0, np.zeros((z.size, z.size)), np.zeros(z.size)
-        rows, jacobian = self.evaluator.priors.rows(z)
-        variance = self.evaluator.variance
-        return (
-            variance * float(rows @ rows) / max(self.evaluator.samples, 1),
-            variance * jacobian.T @ jacobian,
-            variance * jacobian.T @ rows,
-        )
-
-
-def levenberg_marquardt(
-    evaluator: Evaluator,
-    z: np.ndarray,
-    iterations: int,
-    weighting: Weighting | None = None,
-    *,
-    chosen: np.ndarray | None = None,
-    tol: float = 1e-9,
-) -> tuple[np.ndarray, float]:
-    """Least squares from z inside the box: (z, loss). Stops when a step gains less than `tol` of the loss.
-
-    Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against. No
-    step is tried where even the undamped one promises less: its Jacobian then serves whoever goes on from z.
-    `chosen` (P,): those that are searched, all of them when None.
-    """
-    goal = Goal(evaluator, weighting or Plain())
-    chosen = np.ones(z.size, bool) if chosen is None else chosen
-    low, high = evaluator.unknowns.box
-    damping = 1e-3
-    for _ in range(iterations):
-        loss, normal, gradient = goal.linear(z)
-        if not (np.isfinite(loss) and np.isfinite(normal).all()):
-            return z, loss
-        free = chosen & ~((z <= low) & (gradient > 0)) & ~((z >= high) & (gradient < 0))
-        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < tol:
-            return z, loss
-        trial, gain, damping = _better(goal, z, loss, normal, gradient, free, damping)
-        if trial is None:
-            return z, loss
-        moved, z = np.abs(trial - z).max(), trial
-        if gain < tol or moved < 1e-8:
-            return z, loss * (1 - gain)
-    return z, goal.value(z)
-
-
-def _better(
-    goal: Goal, z: np.ndarray, loss: float, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float
-) -> tuple[np.ndarray | None, float, float]:
-    """A point with less loss: (z or None, share of the loss gained, next damping)."""
-    low, high = goal.evaluator.unknowns.box
-    for _ in range(8):
-        step = np.zeros_like(z)
-        step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
-        longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
-        shorter = min(1.0, 1 / max((np.abs(step) / longest).max(), 1e-300))  # all of it, to go where the model says
-        trial = np.clip(z + shorter * step, low, high)
-        new = goal.value(trial)
-        if new < loss:
-            return trial, 1 - new / loss, max(damping / 10, 1e-12)
-        if np.abs(trial - z).max() < 1e-8:
-            break
-        damping *= 10
-    return None, 0.0, damping
-
-
-def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:
-    diagonal = np.diag(normal)
-    # An unknown that the data do not see yet must not run away: its diagonal entry is kept off zero.
-    scale = np.maximum(diagonal, 1e-6 * diagonal.max() + np.finfo(float).tiny)
-    return np.asarray(np.linalg.solve(normal + damping * np.diag(scale), -gradient))

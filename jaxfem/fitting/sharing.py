@@ -24,12 +24,14 @@ from jaxfem.materials.constants import Constant
 
 @dataclasses.dataclass(frozen=True)
 class Shared:
-    """`unknowns` of the fit, points z to start from, and for each take its `own` constants by the unknowns' names."""
+    """`unknowns` of the fit, points z to start from, and for each take its `own` constants by the unknowns' names;
+    `bounded`: those whose bounds the user gave."""
 
     unknowns: Unknowns
     starts: list[np.ndarray]
     own: tuple[dict[str, Constant], ...]
     first: dict[str, float]
+    bounded: frozenset[str] = frozenset()
 
 
 def shared_unknowns(
@@ -56,7 +58,7 @@ def shared_unknowns(
             if name in each and not low <= each[name] <= high:
                 raise FitError(f"the start of {name}, {each[name]:g}, is outside its bounds, {low:g} to {high:g}")
     both = Unknowns(constants, np.min([r.lower for r in ranges], axis=0), np.max([r.upper for r in ranges], axis=0))
-    return Shared(both, [both.unknown(each) for each in given], mine, given[0])
+    return Shared(both, [both.unknown(each) for each in given], mine, given[0], frozenset(wide))
 
 
 def _known(made: Prepared) -> dict[str, Constant]:

@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxfem.materials.moduli import bulk_modulus, ratio_and_modulus, shear_modulus
 from jaxfem.model import Params, State
+from jaxfem.rigid.dynamics import turned
 from jaxfem.rotation import rotation_vector_to_matrix
 
 Array = jax.Array
@@ -107,6 +108,26 @@ class Start:
 
     def _holder(self, state: State) -> Any:
         return state.rigid if self.rigid else state
+
+
+@dataclasses.dataclass(frozen=True)
+class StartTurn:
+    """A turn [rad] of rigid body number `body` about a world axis, from the orientation with which it starts."""
+
+    body: int
+    axis: int
+
+    def read(self, params: Params, state: State) -> float:
+        """0, as declared."""
+        return 0.0
+
+    def put(self, params: Params, state: State, value: Array) -> tuple[Params, State]:
+        """The body turned about its centre of mass."""
+        assert state.rigid is not None
+        held = jnp.asarray(state.rigid.orientations)
+        vector = value * jnp.eye(3, dtype=held.dtype)[self.axis]
+        new = turned(held[self.body], vector).astype(held.dtype)
+        return params, state.replace(rigid=state.rigid.replace(orientations=held.at[self.body].set(new)))
 
 
 @dataclasses.dataclass(frozen=True)

@@ -5,11 +5,13 @@ Each takes residuals (T, M, 3) and Jacobians (P, T, M, 3) of all takes to one ve
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import Protocol
+from typing import Any, Protocol
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.correlation import Channels, levelled
+from jaxfem.pytrees import Pytree
 
 Arrays = Sequence[np.ndarray]
 
@@ -23,6 +25,29 @@ class Weighting(Protocol):
     def columns(self, jacobian: Arrays) -> np.ndarray:
         """Its derivatives (P, N)."""
 
+    def maps(self, count: int) -> "tuple[SquareOf, ...]":
+        """The sum of its squares, take by take, as functions that JAX can trace; of `count` takes."""
+
+
+class SquareOf(Pytree):
+    """The part of the squares that one take has: residuals (T, M, 3) times `weights`, then of each of the `blocks` the
+    square of `matrix` (N, k) times the rows `rows` (k,) and markers `marks` (m,) more the `still` ones (N, m, axes)."""
+
+    weights: Any
+    blocks: tuple[dict[str, Any], ...] = ()
+
+    def square(self, r: Any) -> Any:
+        """The sum of squares."""
+        weighed = r * self.weights
+        if not self.blocks:
+            return jnp.sum(weighed**2)
+        total = jnp.zeros((), weighed.dtype)
+        for each in self.blocks:
+            still = each["still"]
+            taken = weighed[each["rows"].astype(int)][:, each["marks"].astype(int), : still.shape[-1]]
+            total = total + jnp.sum((jnp.einsum("nk,kma->nma", each["matrix"], taken) + still) ** 2)
+        return total
+
 
 class Plain:
     """As they are."""
@@ -35,6 +60,10 @@ class Plain:
         """Their derivatives."""
         return np.concatenate([each.reshape(len(each), -1) for each in jacobian], axis=1)
 
+    def maps(self, count: int) -> tuple[SquareOf, ...]:
+        """Their squares."""
+        return (SquareOf(np.ones(())),) * count
+
 
 class Smoothed:
     """Averaged over time by a function (..., T, M, 3) -> (..., T, M, 3) for each take."""
@@ -45,6 +74,10 @@ class Smoothed:
     def residual(self, r: Arrays) -> np.ndarray:
         """All averages in a row."""
         return Plain().residual([smooth(each) for smooth, each in zip(self.smoothers, r, strict=True)])
+
+    def maps(self, count: int) -> tuple[SquareOf, ...]:
+        """Averages are a means of the search: nothing is drawn from them."""
+        raise NotImplementedError("smoothed residuals have no likelihood")
 
     def columns(self, jacobian: Arrays) -> np.ndarray:
         """Their derivatives."""
@@ -64,6 +97,10 @@ class Weighed:
     def columns(self, jacobian: Arrays) -> np.ndarray:
         """Their derivatives."""
         return Plain().columns(self.arrays(jacobian))
+
+    def maps(self, count: int) -> tuple[SquareOf, ...]:
+        """Their squares."""
+        return tuple(SquareOf(weight) for weight in self.weights)
 
     def arrays(self, values: Arrays) -> list[np.ndarray]:
         """Residuals or Jacobians, weighed."""
@@ -93,6 +130,22 @@ class Whitened:
         parts = [each.extended(weighed[each.take], False) for each in self.channels]
         white = [self._white(each, part) for each, part in zip(self.channels, parts, strict=True)]
         return np.concatenate([each.reshape(-1, each.shape[-1]).T for each in white], axis=1)
+
+    def maps(self, count: int) -> tuple[SquareOf, ...]:
+        """Their squares: whitening as a matrix on each channel's rows, what still ones add as a constant."""
+        blocks: list[list[dict[str, Any]]] = [[] for _ in range(count)]
+        for each in self.channels:
+            first, rows = len(each.still), len(each.still) + len(each.rows)
+            matrix = levelled(self.partial, each, np.eye(rows)[:, None])[0][:, 0]
+            still = each.still[:, :, : each.axes]
+            own = {
+                "rows": np.asarray(each.rows, np.float64),
+                "marks": np.asarray(each.marks, np.float64),
+                "matrix": matrix[:, first:],
+                "still": np.einsum("nk,kma->nma", matrix[:, :first], still),
+            }
+            blocks[each.take].append(own)
+        return tuple(SquareOf(weight, tuple(own)) for weight, own in zip(self.weights, blocks, strict=True))
 
     def _white(self, channels: Channels, columns: np.ndarray) -> np.ndarray:
         return levelled(self.partial, channels, columns)[0]

@@ -15,7 +15,8 @@ from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
 TOP_KEYS = ("scene", "recording", "take", "markers", "fit", "output")
-PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own")
+SEARCH_KEYS = ("multi_start", "seed", "windows", "max_memory")
+PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own", *SEARCH_KEYS)
 TABLES = ("noise", "priors", "bounds", "starts", "field")
 FIT_KEYS = (*PLAIN_KEYS, *TABLES)
 NOISE_KEYS = ("correlation", "loss", "groups", "known")
@@ -64,8 +65,9 @@ def load_fit(path: Any) -> FitFile:
 
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
     NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [fit] parameters, frame,
-    compare, release, end, substeps, sigma, checks, own, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME
-    = { mean, deviation } or { median, factor }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
+    compare, release, end, substeps, sigma, checks, own, multi_start, seed, windows, max_memory,
+    [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation } or { median, factor },
+    [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
     [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
     release, end; [output] folder.
     FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
@@ -140,6 +142,10 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
         "priors": _priors(table.table("priors", parameters, "[fit.priors]")),
         "own": table.get("own", ["delay"]),
         "checks": table.choice("checks", CHECKS, "refuse"),
+        "multi_start": table.count("multi_start", 0),
+        "seed": table.count("seed", 0),
+        "windows": table.integer("windows", 1),
+        "max_memory": table.number("max_memory", None, unit="GB", positive=True),
     }
     bounds = table.table("bounds", parameters, "[fit.bounds]")
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}

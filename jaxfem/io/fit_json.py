@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.fitting.result import FitResult, Refinement, TakeFit
+from jaxfem.fitting.multistart import End
+from jaxfem.fitting.result import FitResult, Posterior, Refinement, TakeFit
 
 FORMAT = "jaxfem-fit/1"
 NUMBER = {"type": "number"}
@@ -46,6 +47,22 @@ FIELDS: dict[str, Any] = {
     "simulations": {"type": "integer"},
     "iterations": {"type": "integer"},
     "discretisation": {"type": "array", "items": {"type": "object", "required": ["what", "by", "shift", "estimate"]}},
+    "starts_followed": {
+        "type": "array",
+        "items": {
+            "type": "object",
+            "required": ["start", "values", "loss", "drawn", "best"],
+            "properties": {"start": NAMED, "values": NAMED, "loss": {"type": ["number", "null"]}},
+        },
+    },
+    "posterior": {
+        "type": ["object", "null"],
+        "required": ["kind", "intervals_95", "means", "deviations", "independent_draws", "scale_reduction", "draws"],
+        "properties": {
+            "intervals_95": {"type": "object", "additionalProperties": PAIR},
+            "draws": {"type": "object", "additionalProperties": {"type": "array", "items": NUMBER}},
+        },
+    },
     "repairs": TEXTS,
     "warnings": TEXTS,
 }
@@ -86,6 +103,8 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "iterations": result.iterations,
         "status": result.status,
         "discretisation": [_refinement(each) for each in result.refinements],
+        "starts_followed": [_end(each) for each in result.ends],
+        "posterior": None if result.posterior is None else _posterior(result.posterior),
         "repairs": list(result.repairs),
         "warnings": list(result.warnings),
     }
@@ -100,6 +119,31 @@ def _refinement(each: Refinement) -> dict[str, Any]:
         "shift": each.shift,
         "estimate": each.estimate,
         "converged": each.converged,
+    }
+
+
+def _end(each: End) -> dict[str, Any]:
+    """Where a start led."""
+    loss = _finite(each.loss)
+    return {"start": each.start, "values": each.values, "loss": loss, "drawn": each.drawn, "best": each.best}
+
+
+def _posterior(found: Posterior) -> dict[str, Any]:
+    """Draws, chain after chain, and what they say."""
+    chains, count = found.values.shape[:2]
+    digits = {name: [float(f"{v:.7g}") for v in found.values[..., k].ravel()] for k, name in enumerate(found.names)}
+    return {
+        "kind": found.kind,
+        "chains": chains,
+        "draws_a_chain": count,
+        "intervals_95": {name: list(pair) for name, pair in found.intervals.items()},
+        "means": found.means,
+        "deviations": found.deviations,
+        "independent_draws": found.effective,
+        "scale_reduction": found.scale_reduction,
+        "accepted": found.accepted,
+        "divergent": found.divergent,
+        "draws": digits,
     }
 
 

@@ -14,6 +14,7 @@ import jax
 import numpy as np
 
 from jaxfem.fitting.result import FitResult, TakeFit, length
+from jaxfem.io.fit_search_page import posterior_part, waterfall_part
 from jaxfem.io.fit_svg import chart, heat
 from jaxfem.io.pages import page_text
 from jaxfem.io.parts import Part
@@ -62,7 +63,7 @@ def write_report(
         ]
     for take in result.takes:
         parts += _plots(take)
-    parts += after
+    parts += [*waterfall_part(result), *posterior_part(result), *after]
     parts += [
         "<h2>Search</h2>",
         _search(result),

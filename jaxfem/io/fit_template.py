@@ -16,6 +16,10 @@ FIT: dict[str, Line] = {
     "sigma": ("1e-4", "m, noise of the recording; found without it"),
     "checks": ('"refuse"', 'what cannot be right; or "warn"'),
     "own": ('["delay"]', "of several [[take]]s, what each has for itself"),
+    "multi_start": ("16", "further starts, drawn and followed together; none without it"),
+    "seed": ("0", "of the drawn starts"),
+    "windows": ("4", "long recordings with contacts are fitted in so many, from the beginning on"),
+    "max_memory": ("1.0", "GB, of one simulation with its derivatives"),
 }
 NOISE: dict[str, Line] = {
     "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),

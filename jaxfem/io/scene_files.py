@@ -129,12 +129,21 @@ def _scene_file(top: Table, source: Path, finer: bool = False) -> SceneFile:
 def _time(top: Table) -> tuple[Table, Scheme]:
     """The [time] table, and the scheme that it names with the numbers that it gives for it."""
     word = top.table("time", None, "[time]").choice("scheme", SCHEMES.words(), "backward_euler")
-    numbers = [field.name for field in dataclasses.fields(SCHEMES[word].made)]
+    fields = dataclasses.fields(SCHEMES[word].made)
+    numbers = [field.name for field in fields]
     for name in numbers:
         if name in TIME_KEYS:
             raise SceneFileError(f'the scheme "{word}" calls a number {name!r}, a key of every [time] table: rename it')
     time = top.table("time", (*TIME_KEYS, *numbers), "[time]")
-    return time, SCHEMES[word].made(**{name: time.number(name) for name in numbers if name in time})
+    given = {field.name: _scheme_value(time, field) for field in fields if field.name in time}
+    return time, SCHEMES[word].made(**given)
+
+
+def _scheme_value(time: Table, field: dataclasses.Field[Any]) -> Any:
+    """A number of a scheme; where it is static, what its default is: a flag or a word."""
+    if isinstance(field.default, bool):
+        return time.flag(field.name)
+    return time.text(field.name) if isinstance(field.default, str) else time.number(field.name)
 
 
 def method_settings(word: str) -> dict[str, Any]:
@@ -154,13 +163,19 @@ def _solver(top: Table) -> tuple[Table, str | Method]:
         if name in SOLVER_KEYS:
             raise SceneFileError(f'the method "{word}" calls a setting {name!r}, a key of every [solver]: rename it')
     solver = top.table("solver", (*SOLVER_KEYS, *settings), "[solver]")
-    given = {name: solver.get(name) for name in settings if name in solver}
+    return solver, read_method(solver, word)
+
+
+def read_method(table: Table, word: str) -> str | Method:
+    """The method `word`: as it is, or with the settings of its own that the table gives the object."""
+    settings = method_settings(word)
+    given = {name: table.get(name) for name in settings if name in table}
     for name, value in given.items():
         if isinstance(value, dict | list):
-            raise solver.wrong(name, "a number, a word, or true or false")
+            raise table.wrong(name, "a number, a word, or true or false")
         if isinstance(settings[name], bool) != isinstance(value, bool):
-            raise solver.wrong(name, "true or false" if isinstance(settings[name], bool) else "a number or a word")
-    return solver, METHODS[word].made(**given) if given else word
+            raise table.wrong(name, "true or false" if isinstance(settings[name], bool) else "a number or a word")
+    return METHODS[word].made(**given) if given else word
 
 
 def _scene(top: Table, folder: Path, gravity: Any, finer: bool = False) -> Scene:

@@ -12,7 +12,7 @@ from jaxfem.declared import Contact, RigidBody
 from jaxfem.declared.joints import JOINTS
 from jaxfem.declared.loads import LOADS
 from jaxfem.elements.mass import MASSES
-from jaxfem.elements.smoothing import STRAINS
+from jaxfem.elements.strains import PLAIN, STRAINS
 from jaxfem.inputs import Input, Nested, Nodes, Number, Text, Vector, inputs_of
 from jaxfem.io import scene_bodies, scene_coupling, scene_files
 from jaxfem.io.fields import FIELDS
@@ -66,7 +66,7 @@ BODY: dict[str, Line] = {
     "fixed": ("{ below = { x = 0.01 } }", 'or a group, "x-", { box = [[..], [..]] }, { nodes = [0] }, a list of these'),
     "surface": ('{ file = "skin.stl", scale = 1e-3 }', "carried along in the frames; a cage shows its own"),
     "velocity": ("[0.0, 0.0, 0.0]", "m/s, at the start"),
-    "strain": ('"element"', f"or {', '.join(each for each in STRAINS if each != 'element')}: where Poisson's is high"),
+    "strain": (f'"{PLAIN}"', f"or {', '.join(each for each in STRAINS if each != PLAIN)}: where Poisson's is high"),
     "rotation": ('"polar"', 'of the elements; or "gram_schmidt"'),
 }
 MOTION: dict[str, Line] = {
@@ -121,15 +121,19 @@ def table(heading: str, keys: Sequence[str], known: Mapping[str, Line], active: 
 def _scheme_numbers() -> Iterator[str]:
     for word in SCHEMES.words():
         for field in dataclasses.fields(SCHEMES[word].made):
-            yield f'# with scheme = "{word}": {field.name} = {field.default!r}'
+            yield f'# with scheme = "{word}": {field.name} = {_written(field.default)}'
 
 
 def _method_settings() -> Iterator[str]:
     for word in METHODS.words():
         for name, default in scene_files.method_settings(word).items():
             if default is not None:
-                value = str(default).lower() if isinstance(default, bool) else repr(default).replace("'", '"')
-                yield f'# with method = "{word}": {name} = {value}'
+                yield f'# with method = "{word}": {name} = {_written(default)}'
+
+
+def _written(value: Any) -> str:
+    """A number, a word or a flag as files write it."""
+    return str(value).lower() if isinstance(value, bool) else repr(value).replace("'", '"')
 
 
 def _soft_body() -> Iterator[str]:

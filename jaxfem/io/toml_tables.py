@@ -84,6 +84,13 @@ class Table:
             raise self.wrong(key, "a whole number, at least 1")
         return value
 
+    def count(self, key: str, default: Any = REQUIRED) -> Any:
+        """A whole number, at least 0."""
+        value = self.get(key, default)
+        if key in self.values and not (is_integer(value) and value >= 0):
+            raise self.wrong(key, "a whole number, at least 0")
+        return value
+
     def vector(self, key: str, default: Any = REQUIRED, unit: str = "", length: int = 3) -> Any:
         """A tuple of finite numbers."""
         value = self.get(key, default, unit)

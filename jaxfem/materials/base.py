@@ -1,6 +1,6 @@
 """What a material law is: its constants, its stiffness and damping, and, where it has a memory, what it remembers."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self
 
 import jax
@@ -42,6 +42,8 @@ class Material:
     word: ClassVar[str] = ""
     constants: ClassVar[tuple[Constant, ...]] = ()
     options: ClassVar[Mapping[str, Any]] = {}
+    linear: ClassVar[bool] = True
+    """Whether its stress in a step is linear in the strain; the others are subclasses of `Nonlinear`."""
     relaxes: ClassVar[bool] = False
     """Whether the stress of a strain that is held comes to that of the stiffness alone; statics then takes the law."""
     values: Mapping[str, Any]
@@ -52,6 +54,7 @@ class Material:
             return  # a class that others share code through
         if cls.stiffness is Material.stiffness:
             raise TypeError(f'the material law "{word}" ({cls.__name__}) has no `stiffness`: define it')
+        _check_declared(f'the material law "{word}" ({cls.__name__})', cls.constants, cls.options)
         names = [each.name for each in cls.constants]
         twice = (
             {name for name in names if names.count(name) > 1} | {*names} & {*cls.options} | {"values"} & {*cls.options}
@@ -63,6 +66,10 @@ class Material:
 
     def __init__(self, **given: Any):
         options = {name: given.get(name, default) for name, default in self.options.items()}
+        for name, value in options.items():
+            if not _alike(value, self.options[name]):
+                kind = _KINDS[type(self.options[name])]
+                raise MaterialError(f"{name} of {type(self).__name__} is {value!r}: give {kind}")
         constants = self.constants_of(options)
         names = [each.name for each in constants]
         for name in given:
@@ -76,12 +83,24 @@ class Material:
         values = {each.name: given.get(each.name) for each in constants}
         defaults = {each.name: each.default for each in constants}
         self._set({name: defaults[name] if value is None else value for name, value in values.items()}, given)
+        self._check_combined()
+
+    def _check_combined(self) -> None:
+        """Refuse numbers made of several constants that cannot be; what is no number is refused by name elsewhere."""
+        try:
+            known: Any = {name: np.asarray(value, float) for name, value in self.values.items()}
+            found = self.combined(known)
+        except (TypeError, ValueError):
+            return
+        for name, (value, allowed) in found.items():
+            if np.any(np.isfinite(value) & np.asarray(allowed.wrong(value))):
+                raise MaterialError(f"{name} {allowed.text}")
 
     def _set(self, values: Mapping[str, Any], options: Mapping[str, Any]) -> None:
         object.__setattr__(self, "values", values)
         for name, default in self.options.items():
             object.__setattr__(self, name, options.get(name, default))
-        own = self.constants_of({name: getattr(self, name) for name in self.options})
+        own = tuple(self.constants_of({name: getattr(self, name) for name in self.options}))
         if own != type(self).constants:
             object.__setattr__(self, "constants", own)
 
@@ -119,13 +138,17 @@ class Material:
         """The two distinct eigenvalues of the isotropic stiffness, volumetric 3K and deviatoric 2 mu [Pa]."""
         raise NotImplementedError(f"{type(self).__name__} does not say its stiffness")
 
-    def checked(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
-        """What must hold of the constants beside the range of each, by what it is called: numbers and their range."""
-        return {}
-
     def damping(self, values: Values) -> Any:
         """Time beta [s] of the viscous stress D beta de/dt beside the elastic one: the constant that is `viscous`."""
         return next((values[each.name] for each in self.constants if each.viscous), 0.0)
+
+    def combined(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
+        """Numbers made of several constants that have a range of their own, by what messages call them."""
+        return {}
+
+    def doubts(self) -> Sequence[str]:
+        """What to warn of in its values that are admissible one by one, each a sentence that follows a body's name."""
+        return ()
 
     def internal0(self, strain: Array) -> Any:
         """What is remembered where the `strain` is (r, D), as at the start: a pytree of arrays, or None, no memory."""
@@ -184,3 +207,26 @@ class Material:
     def rest_strain(self, values: Values, internal: Any, rows: slice) -> Array | None:
         """The strain (r, D) at which no energy is stored, None: zero; laws with a memory only."""
         return None
+
+
+def _check_declared(law: str, constants: Any, options: Any) -> None:
+    """TypeError for constants and options that are none."""
+    if not isinstance(constants, tuple | list) or not all(isinstance(each, Constant) for each in constants):
+        raise TypeError(f"{law} has constants = {constants!r}: give a tuple of Constant(...)")
+    if not isinstance(options, Mapping):
+        raise TypeError(f"{law} has options = {options!r}: give a dictionary of names and defaults")
+    for name, default in options.items():
+        if not isinstance(default, bool | int | float | str):
+            raise TypeError(f"{law} has the option {name} = {default!r}: give a flag, a number or a text")
+
+
+_KINDS: Mapping[type, str] = {bool: "True or False", int: "a whole number", float: "a number", str: "a word"}
+
+
+def _alike(value: Any, default: Any) -> bool:
+    """Whether an option's value is of its default's kind; a whole number serves for a number too."""
+    kinds = {bool: (bool, np.bool_), int: (int, np.integer), float: (int, float, np.number), str: (str,)}
+    known = kinds.get(type(default))
+    if known is None:
+        return True
+    return isinstance(value, known) and (isinstance(value, bool | np.bool_) == isinstance(default, bool))

@@ -163,12 +163,26 @@ class Constant:
     def _inside(self, array: np.ndarray) -> Any:
         return ((array >= self.low) if self.closed else (array > self.low)) & (array < self.high)
 
+    def _numbers(self, body: str, value: Any) -> np.ndarray:
+        """The value as float64; MaterialError where it is no real number, or numbers of no one shape."""
+        try:
+            array = np.asarray(value)
+        except ValueError:  # rows of several lengths
+            array = np.asarray(None)
+        if array.dtype.kind not in "iuf":
+            shown = repr(value) if len(repr(value)) <= 60 else type(value).__name__
+            raise MaterialError(
+                f'{self.name} of "{body}" is {shown}: give one number, or one an element'
+                + (f", in {self.unit}" if self.unit else "")
+            )
+        return array.astype(np.float64)
+
     def checked(self, body: str, value: Any, elements: int) -> np.ndarray:
         """Validate a body's value on the host: one number, or one for each of its `elements`.
 
         Returns float64 of shape () or (elements,). MaterialError names the body, the element, the value, the remedy.
         """
-        array = np.asarray(value, dtype=np.float64)
+        array = self._numbers(body, value)
         if array.shape not in ((), (elements,)):
             raise MaterialError(
                 f'{self.name} of "{body}" has shape {array.shape}; give one number, or one for each of its {elements} '

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from jaxfem.materials.base import Pair, Values
-from jaxfem.materials.constants import Constant, MaterialError, Signed
+from jaxfem.materials.constants import Constant, Signed
 from jaxfem.materials.invariants import first_of_shape, second_of_shape
 from jaxfem.materials.linear import DAMPING, POISSON
 from jaxfem.materials.moduli import stiffness_of_shear
@@ -35,10 +35,9 @@ C01 = Constant(
     bounds=(-1e7, 1e7),
     absolute=True,
 )
-
-
-SHEAR = Range(low=0, open_low=True, advice="must be > 0 Pa: it is half the shear modulus")
-"""Of c10 + c01."""
+HALF_SHEAR = Range(low=0.0, open_low=True, advice="must be > 0 Pa: half the shear modulus")
+EARLY = 0.5
+"""Share of its length down to which a pressed bar should hold."""
 
 
 class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
@@ -52,12 +51,18 @@ class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
 
     def __init__(self, c10: Any = None, c01: Any = None, poisson: Any = None, damping: Any = None):
         super().__init__(c10=c10, c01=c01, poisson=poisson, damping=damping)
-        if np.any(np.asarray(self.values["c10"], float) + np.asarray(self.values["c01"], float) <= 0):
-            raise MaterialError("c10 + c01 must be > 0 Pa: half the shear modulus")
 
-    def checked(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
-        """The shear modulus is positive."""
-        return {"c10 + c01": (values["c10"] + values["c01"], SHEAR)}
+    def combined(self, values: Values) -> Mapping[str, tuple[Any, Range]]:
+        """Half the shear modulus."""
+        return {"c10 + c01": (values["c10"] + values["c01"], HALF_SHEAR)}
+
+    def doubts(self) -> tuple[str, ...]:
+        """Where a negative c01 lets it give way early under pressure."""
+        c10, c01 = (np.asarray(self.values[name], float) for name in ("c10", "c01"))
+        end = float(np.max(-c01 / c10))
+        if end < EARLY:
+            return ()
+        return (f"gives way where it is pressed to {end:.3g} of its length, as c01 is negative: check its sign",)
 
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""

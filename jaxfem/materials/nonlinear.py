@@ -6,7 +6,7 @@ so that each can be taken on domains of its own, as strain rows do: both on elem
 second on nodes, where it does not lock. W_s has no bulk modulus at F = I: then small strains see the linear law.
 """
 
-from typing import Any
+from typing import Any, ClassVar
 
 import jax
 
@@ -24,6 +24,8 @@ class Nonlinear(Material):
     Matrices H = F - I are components of shape (D,), values () or (D,); with a memory see also `internal0` and `commit`,
     whose strains are those of the rotated frame.
     """
+
+    linear: ClassVar[bool] = False
 
     def distortion(self, values: Values, gradient: Matrix3, internal: Any, dt: Any) -> Array:
         """Energy density (D,) [J/m^3] of the change of shape at H = F - I `gradient`.
@@ -48,8 +50,3 @@ class Nonlinear(Material):
         By the eigenpairs of isotropic laws; a law that is not isotropic (whose memory has directions) has its own.
         """
         return definite_part(tangent, gradient)
-
-
-def is_nonlinear(law: Material) -> bool:
-    """Whether a law's rows are made anew at the solution of a step."""
-    return isinstance(law, Nonlinear)

@@ -16,10 +16,12 @@ KEY = "fitted"
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """A `constant` that a field holds; `angular`: its unit where the joint's coordinate is an angle, else the same."""
+    """A `constant` that a field holds; `angular`: its unit where the joint's coordinate is an angle, else the same;
+    `needs`: the flag of the rows without which it has no effect."""
 
     constant: Constant
     angular: str = ""
+    needs: str = ""
 
     def of(self, length: bool) -> Constant:
         """The constant, of a length or an angle."""
@@ -28,9 +30,9 @@ class Quantity:
         return dataclasses.replace(self.constant, unit=self.angular)
 
 
-def fitted(constant: Constant, angular: str = "") -> dict[str, Quantity]:
+def fitted(constant: Constant, angular: str = "", needs: str = "") -> dict[str, Quantity]:
     """A field's metadata, beside its range."""
-    return {KEY: Quantity(constant, angular)}
+    return {KEY: Quantity(constant, angular, needs)}
 
 
 def quantities_of(values: Any) -> Iterator[tuple[str, Quantity]]:
@@ -40,10 +42,10 @@ def quantities_of(values: Any) -> Iterator[tuple[str, Quantity]]:
             yield each.name, each.metadata[KEY]
 
 
-def positive(name: str, unit: str, label: str, angular: str = "") -> dict[str, Quantity]:
+def positive(name: str, unit: str, label: str, angular: str = "", needs: str = "") -> dict[str, Quantity]:
     """Metadata of a number >= 0, searched by its logarithm: an error bar that leaves it open becomes a limit."""
     advice = f"must be >= 0 {unit}".rstrip()
-    return fitted(Constant(name, unit, advice, label=label, low=0.0, closed=True, limit=True), angular)
+    return fitted(Constant(name, unit, advice, label=label, low=0.0, closed=True, limit=True), angular, needs)
 
 
 def share(name: str, label: str) -> dict[str, Quantity]:

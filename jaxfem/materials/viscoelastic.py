@@ -59,9 +59,11 @@ class Viscoelastic(Material, word="viscoelastic"):
         **given: Any,
     ):
         if not isinstance(branches, int | np.integer):
-            pairs = list(branches)
+            pairs = list(branches) if isinstance(branches, Sequence | np.ndarray) else [branches]
             if any(not isinstance(each, Sequence | np.ndarray) or len(each) != 2 for each in pairs):
-                raise MaterialError(f"branches is {branches!r}; give pairs (g, tau), like [(0.1, 0.02), (0.05, 1.0)]")
+                raise MaterialError(
+                    f"branches is {branches!r}; give pairs (g, tau), like [(0.1, 0.02), (0.05, 1)], or how many"
+                )
             named = [(f"{word}_{k}", v) for k, pair in enumerate(pairs, 1) for word, v in zip(NAMES, pair, strict=True)]
             given, branches = {**dict(named), **given}, len(pairs)
         if isinstance(branches, bool) or branches < 0:

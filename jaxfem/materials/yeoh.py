@@ -3,6 +3,7 @@
 from typing import Any
 
 import jax
+import numpy as np
 
 from jaxfem.materials.base import Pair, Values
 from jaxfem.materials.constants import Constant, Signed
@@ -58,6 +59,17 @@ class Yeoh(Nonlinear, word="yeoh"):
     def __init__(self, c1: Any = None, c2: Any = None, c3: Any = None, poisson: Any = None, damping: Any = None):
         super().__init__(c1=c1, c2=c2, c3=c3, poisson=poisson, damping=damping)
 
+    def doubts(self) -> tuple[str, ...]:
+        """Where it softens so early that a slip of signs or units is likelier than a material."""
+        numbers = [np.asarray(self.values[name], float) for name in ("c1", "c2", "c3")]
+        found = [end for end in map(_end_of_hold, *map(np.ravel, np.broadcast_arrays(*numbers))) if end < EARLY]
+        if not found:
+            return ()
+        return (
+            f"holds up to a stretch of {min(found):.3g} alone, where c1 + 2 c2 x + 3 c3 x^2 falls to zero (silicones: "
+            "5 or more): check signs and units of c2 and c3",
+        )
+
     def stiffness(self, values: Values) -> Pair:
         """(3K, 2 mu) [Pa] at rest."""
         return stiffness_of_shear(2 * values["c1"], values["poisson"])
@@ -66,3 +78,16 @@ class Yeoh(Nonlinear, word="yeoh"):
         """W less K/2 (J - 1)^2 [J/m^3]."""
         x = first_of_shape(gradient)
         return x * (values["c1"] + x * (values["c2"] + x * values["c3"]))
+
+
+EARLY = 2.0
+"""Stretch of a pulled bar within which a law that gives way is warned of."""
+
+
+def _end_of_hold(c1: float, c2: float, c3: float) -> float:
+    """Stretch of a pulled incompressible bar at which c1 + 2 c2 x + 3 c3 x^2 is zero, x = s^2 + 2/s - 3."""
+    roots = np.roots([3 * c3, 2 * c2, c1])
+    ends = [float(root.real) for root in roots if abs(root.imag) < 1e-9 * abs(root) and root.real > 0]
+    if not ends:
+        return float("inf")
+    return float(np.roots([1, 0, -(min(ends) + 3), 2]).real.max())

@@ -7,7 +7,6 @@ K the sum of R K_e R' with the rotations of the start of the step. Rows eliminat
 same step, found on the other way: row by row from strains.
 """
 
-import dataclasses
 from typing import Any, ClassVar
 
 import jax
@@ -36,7 +35,6 @@ from jaxfem.tensors import array_of
 Array = jax.Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Assembled(Method):
     """The assembled system, solved by conjugate gradients with the nodes' own blocks as preconditioner."""
 

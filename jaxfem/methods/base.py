@@ -1,20 +1,21 @@
 """What a method is: a way to solve a step, chosen with `build(solver=...)`.
 
-A new method is a subclass of `Method` (a frozen dataclass) with a `name`: that alone makes it known to `build` and to
-scene files. It is part of the compiled program, so it holds flags and no arrays; what it needs in arrays it makes in
-`plan` (from the topology, once, on the host), in `prepare` (for many steps of about the same length) and in `start`
-(its memory from one step to the next).
+A new method is a subclass of `Method` with a `name`, which becomes a frozen dataclass of its settings: that alone makes
+it known to `build` and to scene files. It is part of the compiled program, so it holds flags and no arrays; what it
+needs in arrays it makes in `plan` (from the topology, once, on the host), in `prepare` (for many steps of about the
+same length) and in `start` (its memory from one step to the next).
 """
 
 import abc
 import dataclasses
 from collections import OrderedDict
 from collections.abc import Mapping
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 import jax
 
 from jaxfem.elements.mass import MassKind
+from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
@@ -45,6 +46,11 @@ class Facts(NamedTuple):
     nonlinear: tuple[str, ...] = ()
 
     @property
+    def smoothed(self) -> tuple[str, ...]:
+        """The kinds of strain rows of its bodies that are not those of plain linear tetrahedra."""
+        return tuple(each for each in self.strains if each != PLAIN)
+
+    @property
     def coupled(self) -> bool:
         """Whether anything but soft bodies takes part."""
         return self.rigid or self.tied
@@ -63,10 +69,23 @@ class Solved(Pytree):
     info: SolveInfo
 
 
-@dataclasses.dataclass(frozen=True)
-class Method(abc.ABC):
-    """A way to solve a step: see the head of this file. `name`: its word in `build` and in scene files."""
+class Elasticity(NamedTuple):
+    """What a method has in place of the laws' elasticity: `energy` () [J] stored, `force` (n, 3) [N] on the nodes, that
+    of its damping in it, and the `power` () [W] that damping takes."""
 
+    energy: Array
+    force: Array
+    power: Array
+
+
+@dataclass_transform(frozen_default=True, field_specifiers=(dataclasses.field,))
+class Method(abc.ABC):
+    """A way to solve a step: see the head of this file. `name`: its word in `build` and in scene files.
+
+    Each subclass is a frozen dataclass; one that says so itself with a decorator is as well.
+    """
+
+    __dataclass_fields__: ClassVar[dict[str, dataclasses.Field[Any]]]  # each subclass has its own
     name: ClassVar[str]
     nonlinear: ClassVar[bool] = False
     """Whether it serves materials that are not linear in the step."""
@@ -81,6 +100,8 @@ class Method(abc.ABC):
                 f"{cls.__name__} has an __init__ of its own: declare its numbers as fields of a frozen dataclass, by "
                 "which compiled programs tell methods apart"
             )
+        dataclasses.dataclass(frozen=True)(cls)
+        del cls.__setattr__, cls.__delattr__  # those below; a decorator of the class's own makes its own, but once
         if {"step", "solve"} & {*cls.__dict__}:
             cls.as_it_is = cls.__dict__.get("as_it_is", False)
         if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
@@ -88,6 +109,12 @@ class Method(abc.ABC):
         if cls.name == AUTO:
             raise TypeError(f'{cls.__name__} calls itself "{AUTO}", which stands for the choice between methods')
         METHODS.add(cls.name, cls)
+
+    def __setattr__(self, name: str, value: Any) -> None:
+        raise dataclasses.FrozenInstanceError(f"a method does not change: make another {type(self).__name__}")
+
+    def __delattr__(self, name: str) -> None:
+        raise dataclasses.FrozenInstanceError(f"a method does not change: make another {type(self).__name__}")
 
     def refuses(self, facts: Facts) -> str | None:
         """Why it cannot serve a scene, in words that follow its name, or None."""
@@ -109,6 +136,16 @@ class Method(abc.ABC):
         """The first `State.memory`."""
         return None
 
+    def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity | None:
+        """What its bodies store and lose at `positions` and their `rates` (n, 3) [m, m/s], where that is not what the
+        laws on their elements do, but the method's own: energies then tell it, statics and modes refuse."""
+        return None
+
+    @property
+    def own_elasticity(self) -> bool:
+        """Whether it has such."""
+        return type(self).elasticity is not Method.elasticity
+
     @abc.abstractmethod
     def step(
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
@@ -118,6 +155,16 @@ class Method(abc.ABC):
     def impulses(self, model: Model, memory: Any) -> OrderedDict[str, Array]:
         """Impulses of the last step by the names of their groups of rows, as far as the `memory` holds them."""
         return OrderedDict()
+
+
+def refused_elasticity(model: Model) -> str | None:
+    """Why what tells of the laws' elasticity cannot serve a scene, or None."""
+    if not model.method.own_elasticity:
+        return None
+    return (
+        f'takes the materials\' laws on their elements, and the method "{model.method.name}" has forces of its own in '
+        'their place: build with solver="condensed" for that, or take steps with damping until it rests'
+    )
 
 
 def solves_as_it_is(method: Any) -> bool:

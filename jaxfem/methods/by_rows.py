@@ -8,6 +8,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.answers import described, is_array
 from jaxfem.batching import cond_any
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
@@ -66,6 +67,7 @@ class RowMethod(Method):
         def once(impulses: Impulses | None) -> Ended:
             system = system_of(model, params, state, dt, forces, impulses)
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
+            self._check(system, solved)
             solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
             missed = unmet(model, system, solved.velocities, solved.impulses or {})
             gave = gave_way(model, system, solved.impulses or {}, dt)
@@ -80,6 +82,17 @@ class RowMethod(Method):
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
         status = piercing_status(model, state, status)
         return following, info.replace(status=turning_status(model, params, state, dt, status))
+
+    def _check(self, system: System, solved: Any) -> None:
+        """TypeError for what is no solution; seen while the step is traced, and no part of it."""
+        shape = jnp.shape(system.target)
+        if isinstance(solved, Solved) and is_array(solved.velocities, [shape], system.target.dtype):
+            return
+        given = described(solved.velocities) if isinstance(solved, Solved) else described(solved)
+        raise TypeError(
+            f'`solve` of the method "{self.name}" gives {given}; it must give a Solved, with velocities {shape} of all '
+            "triples, impulses and info"
+        )
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""

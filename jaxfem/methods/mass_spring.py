@@ -10,7 +10,6 @@ springs that are pushed left out, so that the matrix is definite. Explicit: symp
     omega^2 (dt^2 + 2 dt beta) < 4   for the highest frequency omega.
 """
 
-import dataclasses
 import warnings
 from typing import Any, ClassVar
 
@@ -19,13 +18,14 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.declared.errors import AccuracyWarning
-from jaxfem.methods.base import Facts, Method, Solved
+from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.methods.node_blocks import (
     NodeCondition,
     NodePairs,
     NodeSystem,
     check_linear,
+    check_polar,
     node_pairs,
     refuses_but_plain,
     rounding_floor,
@@ -64,7 +64,6 @@ class Stretch(Pytree):
     rest: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class MassSpring(Method):
     """Springs in place of elements; `integration`: "implicit" or "explicit"; `calibration`: "volume" or "lloyd"."""
 
@@ -85,6 +84,7 @@ class MassSpring(Method):
     def plan(self, model: Model, params: Params, state: State) -> Springs:
         """The springs; warns where another Poisson's ratio was asked for than springs have."""
         check_linear(model)
+        check_polar(model)
         asked = np.asarray(params.constants["poisson"])
         if np.abs(asked - OWN_POISSON).max() > 0.01:
             warnings.warn(
@@ -104,6 +104,13 @@ class MassSpring(Method):
         if self.integration == "implicit":
             return None
         return highest_square(*jax.lax.stop_gradient((model, params)), self.calibration)
+
+    def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity:
+        """That of the springs and their dashpots."""
+        springs = stretched(model, params, positions, self.calibration)
+        pulled = 0.5 * jnp.sum(springs.stiffness * (springs.length - springs.rest) ** 2)
+        slip = jnp.sum(springs.along * _ways(model.plan, rates), axis=1)
+        return Elasticity(pulled, spring_force(model, springs, rates), jnp.sum(springs.viscosity * slip**2))
 
     def step(
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any

@@ -11,6 +11,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.batching import lanes_in_turn
+from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.linear import Linear
 from jaxfem.methods.base import CannotServe, Facts
 from jaxfem.model import Model
@@ -143,9 +144,8 @@ def refuses_but_plain(facts: Facts) -> str | None:
             'is for soft bodies alone, without rigid bodies, joints or contacts: use "condensed" or "auto" for scenes '
             "that hold such"
         )
-    if facts.strains != ("element",):
-        odd = next(each for each in facts.strains if each != "element")
-        return f'takes strain = "element" alone, not "{odd}": use "condensed" for that'
+    if facts.smoothed:
+        return f'takes strain = "{PLAIN}" alone, not "{facts.smoothed[0]}": use "condensed" for that'
     if facts.mass != "lumped":
         return f'takes mass = "lumped" alone, not "{facts.mass}": use "condensed" for that'
     if facts.scheme.name != "backward_euler":
@@ -160,3 +160,12 @@ def check_linear(model: Model) -> None:
             raise CannotServe(
                 f'takes linear elastic bodies alone, and "{name}" is of {type(law).__name__}: use "condensed" for that'
             )
+
+
+def check_polar(model: Model) -> None:
+    """CannotServe where bodies ask for rotations that a method without any of elements would leave out in silence."""
+    if model.rotation != "polar":
+        raise CannotServe(
+            f'knows no rotations of elements, and the bodies ask for rotation = "{model.rotation}": leave it out, or '
+            'use "assembled" or "condensed" for it'
+        )

@@ -51,7 +51,6 @@ class InRounds(Protocol):
         residual at which the rounds end."""
 
 
-@dataclasses.dataclass(frozen=True)
 class ImplicitRotations(Method):
     """Another method, in rounds until the rotations are those of the end of the step. For soft bodies alone."""
 

@@ -39,5 +39,5 @@ class Rows(Protocol):
 
 def impulses(rows: Rows, velocities: Array) -> Array:
     """The impulses that velocities imply: clip((c - J v) / C, lower, upper)."""
-    free = (rows.bias - rows.apply(velocities)) / rows.compliance
-    return free if rows.bounds is None else jnp.clip(free, *rows.bounds)
+    unbounded = (rows.bias - rows.apply(velocities)) / rows.compliance
+    return unbounded if rows.bounds is None else jnp.clip(unbounded, *rows.bounds)

@@ -44,7 +44,7 @@ class ContactValues(Pytree):
     """What users differentiate of m candidates: `friction` (m,), `restitution` (m,) and `separation` (m,) [m/s], the
     speed with which what is inside each other is moved apart at most."""
 
-    friction: Any = dataclasses.field(metadata=within(low=0) | positive("friction", "", "friction"))
+    friction: Any = dataclasses.field(metadata=within(low=0) | positive("friction", "", "friction", needs="rough"))
     restitution: Any = dataclasses.field(metadata=within(low=0, high=1) | share("restitution", "restitution"))
     separation: Any = dataclasses.field(metadata=within(low=0, open_low=True, infinite=True))
 

@@ -1,6 +1,7 @@
 """Elastic rows: each domain's stress as regularised constraint rows, in the constant eigenbasis of isotropy."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import jax
 import jax.numpy as jnp
@@ -14,7 +15,7 @@ from jaxfem.elements.domains import (
     row_means,
     turned_ahead,
 )
-from jaxfem.elements.finite import LawMaterial
+from jaxfem.elements.finite import of_energy
 from jaxfem.elements.tetra import RotationKind
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.lawful import LawRows, law_rows
@@ -52,6 +53,10 @@ class ElasticRows(Pytree):
     def impulse(self, velocities: Array) -> Array:
         """Nodal impulses (n, 3) that velocities imply, J' (c - J v) / C [N s]."""
         return self.apply_transpose((self.bias - self.apply(velocities)) / self.compliance)
+
+    def tangent(self, velocities: Array, definite: Any) -> "ElasticRows":
+        """How the impulses change with v: as they do everywhere."""
+        return self
 
     def objective_and_impulse(self, velocities: Array) -> tuple[Array, Array]:
         """Half the sum of (c - J v)^2 / C, () [J], and minus its slope, `impulse`."""
@@ -110,7 +115,7 @@ def elastic_rows(
     ahead = strains if turns is None else turned_ahead(kinds, strains, turns)
     return tuple(
         law_rows(each, stage, material, start[1])
-        if isinstance(material, LawMaterial)
+        if of_energy(material)
         else _rows(each, strain, rotation, stage, material)
         for each, start, (strain, rotation, _), material in zip(kinds, strains, ahead, materials, strict=True)
     )

@@ -13,7 +13,9 @@ from typing import Any, ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
 
@@ -132,8 +134,9 @@ SCHEMES: Registry["Scheme"] = Registry("time scheme")
 """All time schemes by name."""
 
 
-def scheme_of(given: str | Scheme, dtype: Any, **options: Any) -> Scheme:
-    """The scheme that a name (with `options`, those that are not None) or an object stands for, numbers of `dtype`.
+def scheme_of(given: str | Scheme, dtype: Any, *numbers: Any, **options: Any) -> Scheme:
+    """The scheme that a name or an object stands for, with numbers of its own of `dtype`: some given in its order, or
+    by name as `options` (those that are not None).
 
     ValueError names what is not known or makes no sense.
     """
@@ -146,31 +149,52 @@ def scheme_of(given: str | Scheme, dtype: Any, **options: Any) -> Scheme:
         kind = type(given)
     else:
         raise ValueError(f"scheme is {given!r}; give a name ({', '.join(SCHEMES.words())}) or a Scheme object")
-    numbers = {field.name for field in dataclasses.fields(kind)}
+    own = [field.name for field in dataclasses.fields(kind)]
+    takes = f"takes {', '.join(own)}" if own else "takes no numbers"
+    if len(numbers) > len(own):
+        raise ValueError(f'{len(numbers)} numbers are given for the scheme "{kind.name}", which {takes}')
+    options = {**dict(zip(own, numbers, strict=False)), **options}
     for name in options:
-        if name not in numbers:
-            takes = f"takes {', '.join(sorted(numbers))}" if numbers else "takes no numbers"
+        if name not in own:
             raise ValueError(f'{name} = {options[name]!r} is no number of the scheme "{kind.name}", which {takes}')
     scheme = kind(**options) if isinstance(given, str) else given.replace(**options)
+    _check_numbers(scheme)
     scheme.check()
     found: Scheme = jax.tree.map(lambda value: jnp.asarray(value, dtype), scheme)
     return found
 
 
-def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, rho_inf: Any = None) -> Array:
+def _check_numbers(scheme: Scheme) -> None:
+    """ValueError for fields that would become numbers and are none: a flag would be 1.0 in compiled code."""
+    for field in dataclasses.fields(scheme):
+        value = getattr(scheme, field.name)
+        number = isinstance(value, int | float | np.number | np.ndarray | jax.Array) and not isinstance(value, bool)
+        if not field.metadata.get("static") and not (number and jnp.issubdtype(jnp.result_type(value), jnp.number)):
+            flag = isinstance(field.default, bool | str)
+            advice = f"declare a flag or a word so, {field.name}: Any = static(default={field.default!r})"
+            raise ValueError(
+                f'{field.name} = {value!r} of the scheme "{scheme.name}" is no number: '
+                f"{advice if flag else 'give a number'}"
+            )
+
+
+def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, *numbers: Any, **named: Any) -> Array:
     """Damping ratio that the time scheme itself gives to undamped modes of `frequencies` [rad/s] at steps `dt` [s].
 
-    scheme: a name, "backward_euler" or "generalized_alpha", or an object. `rho_inf`: for schemes that have it, in place
-    of their own. The shape of `frequencies` comes back; 0 for rigid motions. ValueError for an unknown scheme or
-    impossible numbers.
+    scheme: a name, "backward_euler" or "generalized_alpha", or an object; further `numbers` are the scheme's, in its
+    order or `named`, like rho_inf=0.8, in place of its own. The shape of `frequencies` comes back; 0 for rigid motions.
+    ValueError for an unknown scheme or impossible numbers.
     From the step's eigenvalue z = exp(s dt): ratio = -Re s / |s|.
     """
     known = jnp.asarray(frequencies)
     known = known if jnp.issubdtype(known.dtype, jnp.floating) else known.astype(float)
-    scheme = scheme_of(scheme, known.dtype, rho_inf=rho_inf)
+    scheme = scheme_of(scheme, known.dtype, *numbers, **named)
     _check_damping(known, dt)
     turn = known * dt
     slope = scheme.slope(turn)
+    if not isinstance(slope, jax.Array) or slope.shape != turn.shape:
+        wanted = f"an array of shape {turn.shape}, as the turns are that it is asked for"
+        raise ValueError(f'`slope` of the scheme "{scheme.name}" gives {described(slope)}: it must give {wanted}')
     # z = 1 + turn u, and log |z| without the digits that |z| = 1 + small would lose.
     decay = 0.5 * jnp.log1p(turn * (2 * slope.real + turn * jnp.abs(slope) ** 2))
     angle = jnp.arctan2(turn * slope.imag, 1 + turn * slope.real)

@@ -8,7 +8,8 @@ Both converge from anywhere. The share starts near one, where many rows change i
 """
 
 from collections.abc import Callable, Sequence
-from typing import Any, Protocol
+from functools import partial
+from typing import Any, NamedTuple, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -18,11 +19,10 @@ from jaxfem.solvers import trees
 from jaxfem.solvers.anderson import History, accelerated, empty
 from jaxfem.solvers.box import where_at
 from jaxfem.solvers.pcg import pcg
+from jaxfem.solvers.row_terms import Blocks, Bounds, RowTerms
 from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
-Blocks = tuple[Array, ...]
-Bounds = tuple[tuple[Array | None, ...], tuple[Array | None, ...]]
 Operator = Callable[[Array], Array]
 
 START, SHARPER, SHARPEST = 0.3, 0.1, 1e-3
@@ -46,55 +46,6 @@ class RowOperator(Protocol):
         """J' lam."""
 
 
-class RowTerms(Pytree):
-    """What goes with J, an entry a kind of rows: `slack` c - J x at the start, `compliance` C, bounds `lower` and
-    `upper` (None: unbounded), `start` impulses, `local` compliance of the rows' own nodes, diag(J D^-1 J') with D the
-    quadratic's diagonal blocks, `active`: masks (None: all) outside of which rows are left out."""
-
-    slack: Blocks
-    compliance: Blocks
-    lower: tuple[Array | None, ...]
-    upper: tuple[Array | None, ...]
-    start: Blocks
-    local: Blocks
-    active: tuple[Array | None, ...]
-
-    def softened(self, share: Array) -> Blocks:
-        """Compliance of at least `share` of the nodes' own."""
-        soft = (jnp.maximum(c, share * w) for c, w in zip(self.compliance, self.local, strict=True))
-        return tuple(jnp.where(q > 0, q, 1) for q in soft)
-
-    def within(self, bounds: "Bounds") -> "RowTerms":
-        """The same with other bounds."""
-        return self.replace(lower=bounds[0], upper=bounds[1])
-
-    def raw(self, slack: Blocks, centre: Blocks, soft: Blocks) -> Blocks:
-        """Impulses without bounds, (slack + (soft - C) centre) / soft."""
-        rows = zip(slack, centre, soft, self.compliance, strict=True)
-        return tuple((s + (q - c) * z) / q for s, z, q, c in rows)
-
-    def bounded(self, raw: Blocks) -> Blocks:
-        """The nearest impulses within the bounds; zero for rows left out."""
-        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
-        clipped = ((r if low is None else jnp.clip(r, low, up), on) for r, low, up, on in rows)
-        return tuple(r if on is None else jnp.where(on, r, 0) for r, on in clipped)
-
-    def free(self, raw: Blocks) -> Blocks:
-        """Masks of the rows strictly within their bounds."""
-        rows = zip(raw, self.lower, self.upper, self.active, strict=True)
-        inside = (
-            (jnp.ones(r.shape, bool) if low is None or up is None else (low < r) & (r < up), on)
-            for r, low, up, on in rows
-        )
-        return tuple(mask if on is None else mask & on for mask, on in inside)
-
-    def violation(self, slack: Blocks, impulses: Blocks) -> Blocks:
-        """By how much impulses are off, each row taken alone: lam - clip(lam + (slack - C lam) / (local + C))."""
-        rows = zip(impulses, slack, self.compliance, self.local, strict=True)
-        wished = tuple(z + (s - c * z) / (w + c) for z, s, c, w in rows)
-        return trees.minus(impulses, self.bounded(wished))
-
-
 class _State(Pytree):
     """`centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and violation that the last move
     not taken back started from."""
@@ -108,7 +59,7 @@ class _State(Pytree):
     far: Array
     bounds: Bounds
     share: Array
-    free: Blocks
+    inside: Blocks
     iteration: Array
     trips: Array
     residual: Array
@@ -149,46 +100,63 @@ def minimize_with_rows(
     one = jnp.ones((), gradient.dtype)
     counts = jnp.int32(0), jnp.int32(0), 0 * one, jnp.int32(Status.ITERATION_LIMIT)
     start = terms.bounded(terms.start)
-    bounds = terms.lower, terms.upper
+    bounds, inside = (terms.lower, terms.upper), terms.inside(start)
     moves = empty(start), start, jnp.inf * one
-    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, terms.free(start), *counts)
+    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, inside, *counts)
 
     def running(s: _State) -> Array:
         more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
         return more
 
-    def trip(s: _State) -> _State:
-        before = s.free
-        s, soft, impulses, free = _settle(rows, terms, target, s, follow, sharpest)
-        stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(free, soft, strict=True))
-
-        going = s.status == Status.ITERATION_LIMIT
-        right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
-        limit = max_iterations - s.iteration
-        precondition = preconditioner(stiffness)
-        hessian = _with_penalty(matvec, rows, stiffness) if stiffened is None else stiffened(stiffness)
-        depth = jnp.where(_same(free, before), CLOSE, FORCING)
-        step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * target)
-        change, along = matvec(step), tuple(each.apply(step) for each in rows)
-        length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
-        moved = s.replace(
-            step=s.step + length * step,
-            gradient=s.gradient + length * change,
-            slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
-            iteration=s.iteration + info.iterations,
-            trips=s.trips + 1,
-            status=jnp.where(going, info.status, s.status),
-        )
-        # A solve that converged has only made a step; one that did not ends the loop with its status.
-        again = going & (info.status == Status.CONVERGED)
-        return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
-
-    last = jax.lax.while_loop(running, trip, first)
+    given = _Given(matvec, rows, terms, preconditioner, stiffened, target, max_iterations, follow, sharpest)
+    last = jax.lax.while_loop(running, partial(_newton_step, given), first)
     impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
     if follow is not None:
         impulses = _snapped(impulses, last.bounds, follow(impulses, last.slack))
     relative = last.residual / jnp.where(scale > 0, scale, 1)
     return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
+
+
+class _Given(NamedTuple):
+    """What all trips share: see `minimize_with_rows`; `target`: the residual to reach."""
+
+    matvec: Operator
+    rows: Sequence[RowOperator]
+    terms: RowTerms
+    preconditioner: Callable[[Blocks], Operator]
+    stiffened: Callable[[Blocks], Operator] | None
+    target: Array
+    max_iterations: Any
+    follow: Callable[[Blocks, Blocks], Bounds] | None
+    sharpest: float
+
+
+def _newton_step(given: _Given, s: _State) -> _State:
+    """One trip: the point judged, then a Newton step from it on its active set, with an exact line search."""
+    rows, terms, before = given.rows, given.terms, s.inside
+    s, soft, impulses, inside = _settle(rows, terms, given.target, s, given.follow, given.sharpest)
+    stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(inside, soft, strict=True))
+
+    going = s.status == Status.ITERATION_LIMIT
+    right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
+    limit = given.max_iterations - s.iteration
+    precondition = given.preconditioner(stiffness)
+    hessian = _with_penalty(given.matvec, rows, stiffness) if given.stiffened is None else given.stiffened(stiffness)
+    depth = jnp.where(_same(inside, before), CLOSE, FORCING)
+    step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * given.target)
+    change, along = given.matvec(step), tuple(each.apply(step) for each in rows)
+    length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
+    moved = s.replace(
+        step=s.step + length * step,
+        gradient=s.gradient + length * change,
+        slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
+        iteration=s.iteration + info.iterations,
+        trips=s.trips + 1,
+        status=jnp.where(going, info.status, s.status),
+    )
+    # A solve that converged has only made a step; one that did not ends the loop with its status.
+    again = going & (info.status == Status.CONVERGED)
+    return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
 
 
 def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Blocks) -> Operator:
@@ -211,11 +179,11 @@ def _settle(
 ) -> tuple[_State, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
-    Returns the state, the softened compliance, impulses and free masks that the next Newton step starts from.
+    Returns the state, and what the next Newton step starts from: softened compliance, impulses, masks of rows inside.
     """
     soft = terms.softened(s.share)
     raw, old = terms.raw(s.slack, s.centre, soft), terms.within(s.bounds)
-    impulses, free = old.bounded(raw), old.free(raw)
+    impulses, inside = old.bounded(raw), old.inside(raw)
     wanted = s.bounds if follow is None else follow(impulses, s.slack)
     near = trees.norm(s.gradient - _push(rows, impulses))
     far = _size(rows, terms.within(wanted).violation(s.slack, impulses))
@@ -223,7 +191,7 @@ def _settle(
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
     moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
-    share = jnp.where(moving & _same(free, s.free), jnp.maximum(SHARPER * s.share, sharpest), s.share)
+    share = jnp.where(moving & _same(inside, s.inside), jnp.maximum(SHARPER * s.share, sharpest), s.share)
     # An accelerated move (the second that is known, or later) that made matters worse is taken back.
     worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
     kept = trees.where(share == s.share, s.history, empty(s.centre))
@@ -244,7 +212,7 @@ def _settle(
     )
     soft, new = terms.softened(share), terms.within(bounds)
     raw = terms.raw(s.slack, centre, soft)
-    return settled.replace(free=new.free(raw)), soft, new.bounded(raw), new.free(raw)
+    return settled.replace(inside=new.inside(raw)), soft, new.bounded(raw), new.inside(raw)
 
 
 def _same(a: Blocks, b: Blocks) -> Array:
@@ -274,7 +242,7 @@ def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change:
 
     def slope(t: Array) -> tuple[Array, Array]:
         raw = terms.raw(tuple(a - t * b for a, b in zip(s.slack, along, strict=True)), s.centre, soft)
-        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.free(raw), along, soft, strict=True))
+        stiff = tuple(jnp.where(f, b / q, 0) for f, b, q in zip(terms.inside(raw), along, soft, strict=True))
         value = constant + t * curvature - trees.dot(along, terms.bounded(raw))
         return value, curvature + trees.dot(along, stiff)
 

@@ -1,5 +1,6 @@
 """Runs that are written as they go: one program takes any number of steps, what serves all of them is made once."""
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -10,7 +11,8 @@ from jaxfem.energies import energies
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.stepping.begin import begun
-from jaxfem.stepping.step import cached, joined, one_that_ends
+from jaxfem.stepping.checks import check_call, check_rollout, typed
+from jaxfem.stepping.step import cached, joined, one_step, one_that_ends
 from jaxfem.stepping.values import value_status
 
 Array = jax.Array
@@ -106,6 +108,47 @@ def _frames(
     carry = (state, jnp.int32(0)), _blank((start, told), most), seen
     _, saved, seen = jax.lax.fori_loop(0, count, a_frame, carry)
     return *saved, seen
+
+
+def watched(
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Any,
+    count: Array,
+    every: int,
+    *,
+    most: int,
+    keep: Callable[[State], Array],
+) -> tuple[Array, Array]:
+    """`keep(state)` of `count` <= `most` frames, each after `every` steps of `dt` [s], in `most` rows, and the largest
+    status of their steps.
+
+    Nothing else is held, so that a long run takes little memory. For use inside compiled functions, and for derivatives
+    forwards; `count` is no part of the program.
+    """
+    params, state, dt_, _ = typed(model, params, state, dt, None)
+    check_call(model, params, state, dt, None)
+    check_rollout(most * every, every, None)
+    given = value_status(model, params, state, dt_)
+    state = begun(model, params, state, None)
+    one = one_step(model, params, dt_, None, cached(model, params, state, dt_), given)
+
+    def a_step(_: Array, carry: Any) -> Any:
+        reached, status = carry
+        reached, info = one(reached, None)
+        return reached, jnp.maximum(status, info.status)
+
+    def a_frame(number: Array, carry: Any) -> Any:
+        reached, saved = carry
+        reached = jax.lax.fori_loop(0, every, a_step, reached)
+        return reached, saved.at[number].set(keep(reached[0]))
+
+    like = jax.eval_shape(keep, state)
+    status = jax.eval_shape(one, state, None)[1].status
+    carry = (state, jnp.zeros(status.shape, status.dtype)), jnp.zeros((most, *like.shape), like.dtype)
+    (_, worst), saved = jax.lax.fori_loop(0, count, a_frame, carry)
+    return saved, worst
 
 
 def _seen(model: Model, params: Params, state: State, watch: Watch) -> Seen:

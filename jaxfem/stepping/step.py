@@ -11,6 +11,7 @@ from jaxfem.solvers.differentiation import recomputed
 from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
+from jaxfem.stepping.taken import check_memory, step_taken
 from jaxfem.stepping.values import force_status, judged, value_status
 
 Array = jax.Array
@@ -34,7 +35,7 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
 def _step(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> tuple[State, StepInfo]:
     given = value_status(model, params, state, dt, forces)
     state = begun(model, params, state, forces)
-    following, info = model.method.step(model, params, state, dt, forces, cached(model, params, state, dt))
+    following, info = step_taken(model, params, state, dt, forces, cached(model, params, state, dt))
     return following, judged(info, following, given)
 
 
@@ -119,7 +120,7 @@ def _rollout(
     cache = cached(model, params, state, dt)  # made once for all steps
 
     taken = (model, params, dt, forces, cache, given)
-    one = _one(*taken) if tries is None else one_that_ends(*taken, tries)
+    one = one_step(*taken) if tries is None else one_that_ends(*taken, tries)
     carried = state if tries is None else (state, jnp.int32(0))
 
     def frame(carry: Any, force: Array | None) -> tuple[Any, tuple[State, StepInfo]]:
@@ -140,11 +141,12 @@ def _rollout(
     return together
 
 
-def _one(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array) -> Any:
+def one_step(model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array) -> Any:
     """A step as a scan's body; `given`: the status of the numbers that all steps are given."""
 
     def one(carry: State, force: Array | None) -> tuple[State, StepInfo]:
-        following, info = model.method.step(model, params, carry, dt, forces if force is None else force, cache)
+        following, info = step_taken(model, params, carry, dt, forces if force is None else force, cache)
+        check_memory(model, carry, following)
         return following, judged(info, following, _given(given, force))
 
     return recomputed(one)
@@ -154,7 +156,7 @@ def one_that_ends(
     model: Model, params: Params, dt: Array, forces: Array | None, cache: Any, given: Array, tries: int
 ) -> Any:
     """A step as a scan's body, that is tried again in halves `tries` times; carries the status that ended the run."""
-    advance = forgetting(lambda model, *others: model.method.step(model, *others))
+    advance = forgetting(step_taken)
 
     def one(carry: tuple[State, Array], force: Array | None) -> tuple[tuple[State, Array], StepInfo]:
         own, force = _given(given, force), forces if force is None else force

@@ -38,13 +38,12 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
     """(name, value, range) of all that `params` hold."""
     for name, constant in model.constants.items():
         yield name, params.constants[name], constant.range
-    values = element_constants(model, params)
     for law in dict.fromkeys(model.laws):
-        for what, (value, each) in law.checked(values).items():
-            yield what, value, each
+        for name, (value, allowed) in law.combined(element_constants(model, params)).items():
+            yield name, value, allowed
     yield from ranges_of(params.replace(constants={}))
     for label, joints in model.joints.items():
-        for what, (value, each) in joints.checked(params.joints[label]).items():
+        for what, (value, each) in joints.combined(params.joints[label]).items():
             yield f'joints["{label}"].{what}', value, each
     for label, group in model.contacts.items():
         if not group.rough:

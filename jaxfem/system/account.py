@@ -56,7 +56,11 @@ def _drag(model: Model, params: Params, velocities: Array) -> Array:
 
 
 def _losses(model: Model, params: Params, before: State, after: State, dt: Array) -> dict[str, Array]:
-    """What damping and the laws' memories lost."""
+    """What damping and the laws' memories lost, or the method's own elasticity did."""
+    way = after.positions - before.positions
+    own = model.method.elasticity(model, params, 0.5 * (before.positions + after.positions), way / dt)
+    if own is not None:
+        return {"damping": dt * own.power}
     strains = [domain_strains(model.domains, each.positions, model.rotation) for each in (before, after)]
     values, zero = element_constants(model, params), jnp.zeros((), model.rest.dtype)
     losses = {"damping": zero}
@@ -67,8 +71,8 @@ def _losses(model: Model, params: Params, before: State, after: State, dt: Array
         losses["damping"] += jnp.vdot(each.row_volumes, rate)
         if before.internal is None or before.internal[k] is None:
             continue
-        own = domain_values(each, values)
-        found = each.law.dissipated(own, before.internal[k], after.internal[k], end, weights, dt, each.rows)
+        numbers = domain_values(each, values)
+        found = each.law.dissipated(numbers, before.internal[k], after.internal[k], end, weights, dt, each.rows)
         for name, density in found.items():
             losses[name] = losses.get(name, zero) + jnp.vdot(each.row_volumes, density)
     return losses
@@ -80,19 +84,21 @@ def _support_work(model: Model, params: Params, before: State, after: State, loa
     change = after.velocities - before.velocities
     momentum = mass * change if shared is None else mass * change + shared.apply(change)
     way = after.positions - before.positions
-    inner = [
-        viscoelastic_force(
-            model.domains,
-            each.positions,
-            way / dt,  # prescribed velocities are those of the middle of a step
-            step_materials(model, params, each, soon(model.rest.dtype)),
-            model.rotation,
-        )
-        for each in (before, after)
-    ]
+    # Prescribed velocities are those of the middle of a step.
+    inner = [_inner_force(model, params, each, way / dt) for each in (before, after)]
     others = load + 0.5 * (inner[0] + inner[1]) + mass * params.gravity
     if model.dragged:
         others = others - _drag(model, params, way / dt)
     driven = jnp.zeros((model.nodes, 1), way.dtype).at[jnp.concatenate(model.driven)].set(1)
     mean = 0.5 * (before.velocities + after.velocities)
     return jnp.sum(driven * (momentum * mean - others * way))
+
+
+def _inner_force(model: Model, params: Params, state: State, rates: Array) -> Array:
+    """Elastic and viscous force (n, 3) [N] at a state, whose nodes move at `rates` (n, 3)."""
+    own = model.method.elasticity(model, params, state.positions, rates)
+    if own is not None:
+        force: Array = own.force
+        return force
+    materials = step_materials(model, params, state, soon(model.rest.dtype))
+    return viscoelastic_force(model.domains, state.positions, rates, materials, model.rotation)

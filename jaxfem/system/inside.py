@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_strains
-from jaxfem.elements.finite import LawMaterial, cauchy_stress
+from jaxfem.elements.finite import cauchy_stress, of_energy
 from jaxfem.elements.tetra import deformation_gradient, rotation_of
 from jaxfem.model import Model, Params, State, element_constants
 from jaxfem.system.memory import domain_values, soon, step_materials
@@ -69,7 +69,7 @@ def in_world(model: Model, state: State) -> Callable[[Sequence[Array]], Array]:
 
 def _stress(domains: Domains, material: DomainMaterial, strain: Array, rotation: Matrix3, positions: Array) -> Array:
     """Rows of the stress that a kind of domains takes, (r, D) or (r, C); all six where the law is not linear."""
-    if isinstance(material, LawMaterial):
+    if of_energy(material):
         return cauchy_stress(domains, positions, material, rotation)
     known = material.from_rest(list(strain))
     return jnp.stack([w * row for w, row in zip(material.weights(domains), known, strict=True)])

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_mean, domain_strains
-from jaxfem.elements.finite import LawMaterial
+from jaxfem.elements.finite import of_energy
 from jaxfem.elements.stretch import domain_stretches
 from jaxfem.model import Model, Params, State, domain_materials, element_constants
 from jaxfem.schemes import Stage
@@ -55,7 +55,7 @@ def step_materials(
     for each, plain, internal in zip(model.domains, materials, state.internal, strict=True):
         # Strain and rate are taken the share `follow` of the step after its start.
         later = dt if stage is None else stage.numbers(each.row_nodes)[1] * dt
-        if isinstance(plain, LawMaterial):
+        if of_energy(plain):
             plain = plain.replace(internal=internal, dt=later)
         elif internal is not None:
             (volumetric, deviatoric), offset = each.law.response(
@@ -101,7 +101,7 @@ def resting_materials(model: Model, params: Params, internal: Any) -> list[Domai
     values = element_constants(model, params)
     made: list[DomainMaterial] = []
     for each, plain, own in zip(model.domains, materials, internal, strict=True):
-        if isinstance(plain, LawMaterial):
+        if of_energy(plain):
             made.append(plain.replace(internal=own))
             continue
         rest = None if own is None else each.law.rest_strain(domain_values(each, values), own, each.rows)

@@ -77,7 +77,7 @@ class System(Pytree):
     @property
     def nonlinear(self) -> bool:
         """Whether any law is not linear in the step."""
-        return not all(isinstance(each, ElasticRows) for each in self.elastic)
+        return not all(each.domains.law.linear for each in self.elastic)
 
 
 def elastic_names(count: int) -> list[str]:

@@ -54,9 +54,18 @@ def test_what_cannot_serve_the_scene_is_left_out_by_name(tmp_path, capsys):
         ('methods = [{ method = "groupwise", pieces = 2 }]', "no setting 'pieces'"),
         ("step_factors = [0.3]", "divide the scene's 8 steps"),
         ("tolerances = 1e-3", "a list"),
+        ("tolerances = [1e-4, 2.0]", "between 0 and 1"),
+        ('methods = [{ method = "groupwise", groups = [2] }]', "'groups' in methods of [compare]"),
+        ('methods = [{ method = "groupwise", enforce = "no" }]', "true or false"),
         ("speed = 1", "speed"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, capsys, line, words):
     code, said = compared(tmp_path, f"[compare]\n{line}\n", capsys)
     assert code == 2 and words in said.err
+
+
+def test_errors_are_not_measured_by_a_run_that_failed(tmp_path, capsys):
+    code, said = compared(tmp_path, "[solver]\nmax_iterations = 1\n[compare]\nfiner = 2\n", capsys)
+    assert code == 2 and "which errors are measured by, failed: " in said.err
+    assert not (tmp_path / "beam_compared").exists()

@@ -15,7 +15,7 @@ import jaxfem as jf
 from jaxfem.cli.main import main
 from jaxfem.fitting import Recording, attach, marker_positions, write_recording
 from jaxfem.io.examples import beam_scene
-from jaxfem.io.fit_files import load_fit
+from jaxfem.io.fit_files import SEARCH_KEYS, load_fit
 from jaxfem.io.fit_json import SCHEMA
 from jaxfem.io.scene_files import load_scene
 
@@ -92,6 +92,7 @@ def test_files_in_values_tables_and_plots_out(folder, capsys):
         ('recording = "recording.csv"', 'recording = "gone.csv"', "gone.csv"),
         ('scene = "scene.toml"', 'scene = "gone.toml"', "gone.toml"),
         ("[fit]", '[fit]\nchecks = "some"', "checks"),
+        ("[fit]", "[fit]\nmulti_start = -2", "'multi_start' in [fit]"),
         ('recording = "recording.csv"', 'recording = { file = "recording.csv", units = "mm" }', "did you mean 'unit'?"),
         ('recording = "recording.csv"', 'recording = { file = "gone.trc", unit = "mm" }', "gone.trc"),
         ("[output]", "[fit.starts]\nyoung = [1e5, 1e6]\ndamping = 1e-3\n[output]", "differ in length"),
@@ -118,7 +119,7 @@ def test_settings_are_read(folder):
     text = FIT.replace("[output]", extra).replace("[fit]", '[fit]\nframe = "all"\nend = "settled"\nsubsteps = 3')
     (folder / "full.toml").write_text(text)
     text = text.replace('"recording.csv"', '{ file = "r.csv", unit = "mm", rate = 100 }').replace(
-        "[fit]", '[fit]\nchecks = "warn"'
+        "[fit]", '[fit]\nchecks = "warn"\nmulti_start = 8\nwindows = 3\nmax_memory = 0.5'
     )
     (folder / "full.toml").write_text(text)
     file = load_fit(folder / "full.toml")
@@ -126,6 +127,7 @@ def test_settings_are_read(folder):
     assert file.settings["checks"] == "warn"
     assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
     assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.cutting["end"] == "settled"
+    assert {key: file.settings[key] for key in SEARCH_KEYS} == dict(zip(SEARCH_KEYS, (8, 0, 3, 0.5), strict=True))
 
 
 WATCHED = """<script>
@@ -158,7 +160,6 @@ def test_a_browser_shows_the_report(folder, tmp_path):
     assert int(re.search(r'data-shapes="(\d+)"', body).group(1)) > 50, body
 
 
-@pytest.mark.slow
 @pytest.mark.slow
 def test_refits_and_a_field_stand_in_page_and_files(folder, tmp_path):
     """`--refine` and [fit.field], with a constant by its path."""

@@ -5,6 +5,7 @@ import shutil
 import subprocess
 
 import pytest
+from kinds import own_alone
 
 from jaxfem.cli.completion import SHELLS, script
 from jaxfem.cli.main import COMMANDS, main, parser
@@ -15,8 +16,15 @@ from jaxfem.io import fit_files, load_scene, scene_bodies, scene_coupling, scene
 from jaxfem.io.fit_template import fit_template
 from jaxfem.io.templates import scene_template
 
-LINES = scene_template().splitlines()
+with own_alone():
+    LINES = scene_template().splitlines()
 SINGLE = re.compile(r"# ([a-z_]+) = (.*)")
+
+
+@pytest.fixture(autouse=True)
+def _own_kinds():
+    with own_alone():
+        yield
 
 
 def alone(lines):

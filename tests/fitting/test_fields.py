@@ -23,8 +23,8 @@ class Block:
         outside = np.unique(self.mesh.surface)
         self.places = {f"m{k}": tuple(self.mesh.points[k]) for k in outside if self.mesh.points[k, 0] > 0}
 
-    def take(self, noise):
-        params = self.params.replace(young=jnp.asarray(self.truth))
+    def take(self, noise, truth=None):
+        params = self.params.replace(young=jnp.asarray(self.truth if truth is None else truth))
         markers = attach(self.model, self.places)
         states, _ = jf.rollout(self.model, params, self.state, DT, ROWS)
         first = np.asarray(marker_positions(markers, self.state.positions))[None]
@@ -52,6 +52,21 @@ def test_a_stiff_inclusion_comes_back_within_ten_percent(block):
     assert found.status == "converged" and found.gain > 0.9
     off = np.log(found.elements / block.truth) / found.deviations
     assert np.mean(np.abs(off) < 3) > 0.9
+
+
+@pytest.mark.slow
+def test_a_field_that_changes_smoothly_comes_back_from_the_one_value_that_fits_best(block):
+    """Slabs along the block, of which the last is three times as stiff as the first; no start is given."""
+    middle = block.mesh.points[np.asarray(block.model.elements.cells)].mean(axis=1)[:, 0]
+    slab = np.clip((middle / 0.02).astype(int), 0, 5)
+    told = SOFT * 3.0 ** (np.arange(6) / 5)
+    take = block.take(1e-5, told[slab])
+    found = fit_field(take, "young", regions=slab, kind="smooth", jump=1.5)
+    assert found.status == "converged" and told[0] < found.mean < told[-1] and found.gain > 0.5
+    assert found.noise == pytest.approx(1e-5, rel=0.15)  # found, not given
+    assert np.allclose(found.values[:4], told[:4], rtol=0.05)  # the tip hardly bears anything,
+    assert (np.abs(np.log(found.values / told)) < 4 * found.deviations).all()  # and its bars say so
+    assert (found.deviations[:4] < 0.05).all() and found.deviations[5] > found.deviations[0]
 
 
 def test_impossible_fields_are_refused(block):

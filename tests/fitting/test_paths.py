@@ -9,7 +9,7 @@ import jaxfem as jf
 from jaxfem.fitting import FitError, Recording, Search, Take, attach, fit_takes
 from jaxfem.fitting.markers import marker_places, moved_markers
 from jaxfem.fitting.paths import placed_constants, value_of, with_all
-from jaxfem.fitting.spots import Factor, Turn
+from jaxfem.fitting.spots import Factor, StartTurn, Turn
 
 QUICK = Search(candidates=1, polish=15, tol=1e-6)
 
@@ -73,7 +73,7 @@ def test_every_path_reads_what_the_scene_says_and_takes_another(dtype):
         before = value_of(each, params, state)
         new = 1.25 * before if before and np.isfinite(before) else 0.25
         changed = with_all(params, state, {name: jnp.asarray(new, dtype)}, (each,))
-        if not isinstance(each.spot, Factor | Turn):
+        if not isinstance(each.spot, Factor | Turn | StartTurn):
             assert value_of(each, *changed) == pytest.approx(new, rel=1e-5), name
         held = {k: v for k, v in jax.tree.map(lambda leaf: (leaf.shape, leaf.dtype), changed)[0].constants.items()}
         assert set(held) == set(shapes[0].constants), name

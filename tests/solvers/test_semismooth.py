@@ -8,7 +8,8 @@ from box_problems import spd
 
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers import Status
-from jaxfem.solvers.semismooth import RowTerms, minimize_with_rows
+from jaxfem.solvers.row_terms import RowTerms
+from jaxfem.solvers.semismooth import minimize_with_rows
 
 RNG = np.random.default_rng(12)
 N, M = 40, 25

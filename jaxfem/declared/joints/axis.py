@@ -29,7 +29,7 @@ class AxisJoint(Joint):
     low: float = field(default=-np.inf, metadata=takes(Number()))
     high: float = field(default=np.inf, metadata=takes(Number()))
     motor: Motor | None = field(default=None, metadata=takes(Nested(Motor, optional=True)))
-    free: ClassVar[str]
+    measure: ClassVar[str]
     """Word for the free coordinate."""
 
     def __post_init__(self) -> None:
@@ -51,7 +51,7 @@ class AxisJoint(Joint):
         yield from self.locks(ends)
         if np.isfinite([self.low, self.high]).any():
             values = LimitValues(self.low, self.high, 0.0, 0.0)
-            yield Part(f"{self.free} limit", Limit(self.coordinate(ends)), values)
+            yield Part(f"{self.measure} limit", Limit(self.coordinate(ends)), values)
         if self.motor is not None:
             yield self._driven(self.motor, self.coordinate(ends))
 
@@ -66,4 +66,4 @@ class AxisJoint(Joint):
     def _driven(self, motor: Motor, coordinate: Coordinate) -> Part:
         values = DriveValues(motor.target, motor.strength, motor.compliance, motor.damping)
         kind = "position motor" if motor.position else "motor"
-        return Part(f"{self.free} {kind}", Drive(coordinate, position=motor.position), values)
+        return Part(f"{self.measure} {kind}", Drive(coordinate, position=motor.position), values)

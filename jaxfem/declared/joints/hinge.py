@@ -18,7 +18,7 @@ class HingeJoint(AxisJoint, kind="hinge"):
     `low`, `high`: its limits, within -pi to pi; `motor`: a Motor on the angle.
     """
 
-    free: ClassVar[str] = "angle"
+    measure: ClassVar[str] = "angle"
 
     def __post_init__(self) -> None:
         super().__post_init__()

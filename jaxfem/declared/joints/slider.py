@@ -15,7 +15,7 @@ class SliderJoint(AxisJoint, kind="slider"):
     `low`, `high`: its limits; `motor`: a Motor on the travel.
     """
 
-    free: ClassVar[str] = "travel"
+    measure: ClassVar[str] = "travel"
 
     def locks(self, ends: Ends) -> Iterator[Part]:
         """The line along the axis, and all turns."""

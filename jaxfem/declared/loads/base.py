@@ -8,9 +8,11 @@ import dataclasses
 from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, Protocol, dataclass_transform
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import asked, described, is_array, odd_leaf
 from jaxfem.declared.errors import SceneError, refuse_traced
 from jaxfem.loads import ResolvedLoad, WeightedForce
 from jaxfem.mesh import TetMesh
@@ -74,7 +76,10 @@ class Load:
             array = np.full(0, np.nan)
         if not np.isfinite(array).all() or array.size == 0 or array.shape[-1:] != (() if self.scalar else (3,)):
             self.checked(body, self.amount, () if self.scalar else (3,))
-        return self.resolved(body, offset, dtype)
+        found = self.resolved(body, offset, dtype)
+        if flaw := _flaw(found, array.shape, offset + len(body.mesh.points), dtype):
+            raise SceneError(f'a {type(self).__name__} on "{body.label}": {flaw}')
+        return found
 
     def resolved(self, body: Loaded, offset: int, dtype: Any) -> ResolvedLoad:
         """What enters the compiled step; a body's nodes are counted from `offset`. SceneError where it cannot act."""
@@ -93,6 +98,20 @@ class Load:
                 f'{name} of a {kind} on "{body.label}" is {value!r}; give finite numbers of shape {shapes[0]}'
             )
         return array
+
+
+def _flaw(load: Any, value: tuple[int, ...], nodes: int, dtype: Any) -> str:
+    """What is wrong with a resolved load, asked for the force of a value of that shape; empty where nothing is."""
+    said = callable(getattr(load, "force", None)) and isinstance(getattr(load, "symmetric", None), bool)
+    if not said or odd_leaf(load) is not None:
+        return f"`resolved` gives {described(load)}; it must give a Pytree with `force` and `symmetric`"
+    field = jax.ShapeDtypeStruct((nodes, 3), dtype)
+
+    def look(found: Any) -> str:
+        good = is_array(found, [field.shape], dtype)
+        return "" if good else f"its force is {described(found)}; it must be nodal forces (n, 3), here {field.shape}"
+
+    return asked(look, lambda own, *given: own.force(*given), load, jax.ShapeDtypeStruct(value, dtype), field)
 
 
 LOADS: Registry[Load] = Registry("load")

@@ -170,9 +170,9 @@ def _diagonal(weights: Impulses) -> Any:
 
 def _scaled_factor(system: System, plan: Any, weights: Impulses, sides: Impulses) -> Any:
     """The inverse of A on the rows between their bounds, and of its diagonal on the others."""
-    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
+    inside = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
     root = jax.tree.map(jnp.sqrt, weights)
-    factor = row_preconditioner(system, plan, weights, free)
+    factor = row_preconditioner(system, plan, weights, inside)
 
     def apply(residual: Impulses) -> Impulses:
         found: Impulses = jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)

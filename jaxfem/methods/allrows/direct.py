@@ -23,7 +23,6 @@ from jaxfem.system.soft import System
 Array = jax.Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Direct(RowMethod):
     """Sparse elimination of all rows, with an active set where some are bounded. For rigid bodies alone."""
 

@@ -141,9 +141,9 @@ def _refined(
     Conjugate gradients with residuals measured anew and the directions' own product (Golub & Ye 1999), preconditioned
     by the factor: one trip where that is exact.
     """
-    free = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, diagonal)
-    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
-    precondition, inverse = row_preconditioner(system, order, diagonal, free), inverse_mass(system)
+    inside = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, diagonal)
+    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, inside)
+    precondition, inverse = row_preconditioner(system, order, diagonal, inside), inverse_mass(system)
 
     def running(carry: Any) -> Array:
         _, residual, _, _, trips = carry

@@ -20,14 +20,15 @@ Array = jax.Array
 
 
 def row_preconditioner(
-    system: System, order: RowOrder, diagonal: Impulses, free: Impulses
+    system: System, order: RowOrder, diagonal: Impulses, inside: Impulses
 ) -> Callable[[Impulses], Impulses]:
-    """r -> A_FF^-1 r on the rows of `free` (1 or 0), in scaled variables (D^-1/2 A D^-1/2); the others pass unchanged.
+    """r -> A_FF^-1 r on the rows F `inside` their bounds (1, else 0), in scaled variables (D^-1/2 A D^-1/2); the others
+    pass unchanged.
 
     `diagonal`: of A. The identity where the factorisation fails in rounding.
     """
-    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, free)
-    own = named(free, (rows.compliance * scale[n] ** 2 + (1 - free[n]) for n, rows in system.extra.items()))
+    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, inside)
+    own = named(inside, (rows.compliance * scale[n] ** 2 + (1 - inside[n]) for n, rows in system.extra.items()))
     blocks = _blocks(order, system, scale, _packed(order, own, 1.0))
     factor = factorise(order.elimination, *blocks)
     sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(factor)]).all()

@@ -27,7 +27,6 @@ ROUNDING = 1.0
 """Times the precision and the size of the impulses: residuals of the rows have no digits below."""
 
 
-@dataclasses.dataclass(frozen=True)
 class Mprgp(RowMethod):
     """Modified proportioning with reduced gradient projections on all rows; friction in a pyramid. For any scene."""
 

@@ -12,6 +12,7 @@ from typing import Any, ClassVar
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.strains import PLAIN
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.cone import projected_step
 from jaxfem.methods.allrows.operator import RowOperator
@@ -38,7 +39,6 @@ class _Blocks(Pytree):
     diagonal: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Pgs(RowMethod):
     """Projected Gauss-Seidel on all rows, friction in the true cone: the baseline of real-time engines."""
 
@@ -48,8 +48,8 @@ class Pgs(RowMethod):
         """Soft bodies alone, and rows that are not those of single elements."""
         if not facts.coupled:
             return 'is for scenes with rigid bodies, joints or contacts: use "auto" here'
-        if any(strain != "element" for strain in facts.strains):
-            return 'visits rows of single elements: use strain = "element", or another solver'
+        if facts.smoothed:
+            return f'visits rows of single elements: use strain = "{PLAIN}", or another solver'
         return None
 
     def solve(self, system: System, plan: Any, cache: Any, velocities: Array, impulses: Impulses | None) -> Solved:

@@ -1,21 +1,21 @@
 """The method: how groups are made and tied, exactly or by the iteration of (11) and (12)."""
 
-import dataclasses
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.materials.constants import Constant
-from jaxfem.methods.base import Facts, Method, Solved
+from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.methods.groupwise.binding import bound_solution
 from jaxfem.methods.groupwise.matrices import eliminated, group_inverses
 from jaxfem.methods.groupwise.plan import Groups, element_groups, group_plan
 from jaxfem.methods.groupwise.solve import ExactCondition, Prepared
-from jaxfem.methods.groupwise.system import group_system
-from jaxfem.methods.node_blocks import check_linear, refuses_but_plain
+from jaxfem.methods.groupwise.system import group_elasticity, group_system
+from jaxfem.methods.node_blocks import check_linear, check_polar, refuses_but_plain
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.implicit import implicit_solution
@@ -42,7 +42,6 @@ class GroupMemory(Pytree):
     gap: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Groupwise(Method):
     """Bodies cut into `groups` each, or into groups of at most `size` elements, with one rotation a group.
 
@@ -61,11 +60,15 @@ class Groupwise(Method):
     def refuses(self, facts: Facts) -> str | None:
         """All but plain bodies, and settings that make no sense."""
         for what, value in (("groups", self.groups), ("size", self.size), ("rounds", self.rounds)):
-            if value is not None and (not isinstance(value, int) or value < 1):
+            if value is None and what != "rounds":
+                continue
+            if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
                 return f"has {what} = {value!r}: give a whole number of at least 1"
-        number = isinstance(self.binding, int | float) and not isinstance(self.binding, bool)
+        number = isinstance(self.binding, int | float | np.number) and not isinstance(self.binding, bool)
         if self.binding != "exact" and not (number and 0 <= self.binding < float("inf")):
             return f'has binding = {self.binding!r}: give "exact", or a coefficient k of at least 0 N/m'
+        if not isinstance(self.enforce, bool | np.bool_):
+            return f"has enforce = {self.enforce!r}: give True or False"
         return refuses_but_plain(facts)
 
     def constants(self) -> Mapping[Constant, float]:
@@ -75,6 +78,7 @@ class Groupwise(Method):
     def plan(self, model: Model, params: Params, state: State) -> Groups:
         """The groups."""
         check_linear(model)
+        check_polar(model)
         return group_plan(model, element_groups(model, self.groups, self.size))
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
@@ -86,6 +90,10 @@ class Groupwise(Method):
     def start(self, model: Model, params: Params, state: State) -> GroupMemory:
         """No gap."""
         return GroupMemory(jnp.zeros((), model.rest.dtype))
+
+    def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity:
+        """That of the groups, each about its own rotation."""
+        return Elasticity(*group_elasticity(model, params, positions, rates))
 
     def step(
         self, model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any

@@ -18,7 +18,8 @@ class Groups(Pytree):
     `nodes` (G, N): of the scene, the first again on padding; `slots` (E, 4): where the copies of an element's corners
     stand among the G N; `element` (E,): group of each element. `shared` (G, S): which of a group's copies others have
     too; `real` (G, S) false on padding; `owner` (G, S): number of the node among the H that are shared, H on padding;
-    `met` (H,): those nodes of the scene; `copies` (H,): how many copies each has; `home` (H,): a group that has one.
+    `met` (H,): those nodes of the scene; `copies` (H,): how many copies each has; `side` (H,): where it lies among the
+    Q sets of groups that meet anywhere, `sides` (Q, G) 1 for the groups of a set.
     `inner` (G, I): which of a group's copies are its own alone; `within` (G, I) false on padding; `place` (n,): where a
     node stands among the G I inner ones and the H shared, G I + H where it does not move. Only nodes that move are
     inner or shared. `free` (G, N): which copies move, false on padding.
@@ -32,7 +33,8 @@ class Groups(Pytree):
     owner: Array
     met: Array
     copies: Array
-    home: Array
+    side: Array
+    sides: Array
     inner: Array
     within: Array
     place: Array
@@ -78,6 +80,9 @@ def group_plan(model: Model, label: np.ndarray) -> Groups:
     met = np.flatnonzero((copies > 1) & free)
     meets = np.isin(node, met)
     shared, is_shared = _padded(group[meets], rank[meets], count)
+    meeting = np.zeros((len(met), count), bool)
+    meeting[np.searchsorted(met, node[meets]), group[meets]] = True
+    sides, side = np.unique(meeting, axis=0, return_inverse=True) if len(met) else (meeting, met)
     owner = np.searchsorted(met, np.take_along_axis(nodes, shared, 1))
     alone = ~meets & free[node]
     inner, within = _padded(group[alone], rank[alone], count)
@@ -93,7 +98,8 @@ def group_plan(model: Model, label: np.ndarray) -> Groups:
         owner=on_device(np.where(is_shared, owner, len(met)), jnp.int32),
         met=on_device(met, jnp.int32),
         copies=on_device(copies[met], jnp.int32),
-        home=on_device(group[meets][np.unique(node[meets], return_index=True)[1]], jnp.int32),
+        side=on_device(np.ravel(side), jnp.int32),
+        sides=on_device(sides, model.rest.dtype),
         inner=on_device(inner, jnp.int32),
         within=jnp.asarray(within),
         place=on_device(place, jnp.int32),

@@ -21,6 +21,7 @@ from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.groupwise.system import GroupSystem
 from jaxfem.methods.node_blocks import EXACT
 from jaxfem.pytrees import Pytree
+from jaxfem.rotation import nearest_rotation
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
@@ -81,7 +82,9 @@ def _interface(groups: Groups, matrices: Eliminated, forth: Array, back: Array) 
 
 
 def _turned_inverse(groups: Groups, matrices: Eliminated, forth: Array) -> Callable[[Array], Array]:
-    frame = forth[groups.home]
+    # Between the frames of the groups that meet: in one of theirs all the others would be twice as far off.
+    between = jnp.einsum("qg,gij->qij", groups.sides, forth, precision=EXACT)
+    frame = nearest_rotation(between)[groups.side]
 
     def nearly(left: Array) -> Array:
         # Scaled, so that what is small in double precision does not vanish in single.

@@ -98,15 +98,45 @@ class GroupSystem(Pytree):
 
     def _pushed(self, strain: Array, cells: Array, count: int) -> Array:
         """dt V R S grad N_a at the corners, S the stress of sym(strain), summed to (count, 3)."""
-        even = symmetric(matrix_of(strain))
-        pressure = self.span * self.lam * (even[0][0] + even[1][1] + even[2][2])
-        shear = 2 * self.span * self.shear
-        stress = [[shear * even[i][j] + (pressure if i == j else 0) for j in range(3)] for i in range(3)]
-        turned = product(matrix_of(self.turn), stress)
-        others = jnp.stack([jnp.stack(times(turned, self.gradients[a])) for a in (1, 2, 3)])
-        # The first corner takes the reaction, so that forces sum to zero to the last digit.
-        forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
-        return jnp.zeros((count, 3), forces.dtype).at[cells].add(forces)
+        stress = _stress(strain, self.span * self.lam, self.span * self.shear)
+        return _nodal_sums(self.gradients, self.turn, stress, cells, count)
+
+
+def _stress(strain: Array, lam: Array, shear: Array) -> Matrix3:
+    """Stress of the even part of a strain (3, 3, E) in the rotated frame, by Lame's constants (E,)."""
+    even = symmetric(matrix_of(strain))
+    pressure = lam * (even[0][0] + even[1][1] + even[2][2])
+    return [[2 * shear * even[i][j] + (pressure if i == j else 0) for j in range(3)] for i in range(3)]
+
+
+def _nodal_sums(gradients: Array, turn: Array, stress: Matrix3, cells: Array, count: int) -> Array:
+    """R S grad N_a at the corners, S a stress times volumes, summed to (count, 3)."""
+    turned = product(matrix_of(turn), stress)
+    others = jnp.stack([jnp.stack(times(turned, gradients[a])) for a in (1, 2, 3)])
+    # The first corner takes the reaction, so that forces sum to zero to the last digit.
+    forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
+    return jnp.zeros((count, 3), forces.dtype).at[cells].add(forces)
+
+
+def group_elasticity(model: Model, params: Params, positions: Array, rates: Array) -> tuple[Array, Array, Array]:
+    """Energy [J], force (n, 3) [N] with that of damping, and the power [W] of damping, at `positions` (n, 3) and their
+    `rates`: those of strain in the groups' frames."""
+    elements, volumes = model.elements, model.elements.volumes
+    beta, (lam, shear) = element_constants(model, params)["damping"], lame(model, params)
+    turn = _turns(model, params, positions)
+    strain = array_of(_start_strain(elements.cells, elements.gradients, positions, turn))
+    moved = tetra_gradient(elements.cells, elements.gradients, rates)
+    rate = array_of(product(transposed(matrix_of(turn)), moved))
+    elastic, viscous = (array_of(_stress(each, lam, shear)) for each in (strain, beta * rate))
+    pulled = _nodal_sums(elements.gradients, turn, matrix_of(volumes * (elastic + viscous)), elements.cells, len(rates))
+    return 0.5 * jnp.sum(volumes * elastic * strain), -pulled, jnp.sum(volumes * viscous * rate)
+
+
+def _turns(model: Model, params: Params, positions: Array) -> Array:
+    """The groups' rotations, of each element (3, 3, E)."""
+    groups: Groups = model.plan
+    rotation = shape_matching(_group_masses(model, params), positions[groups.nodes], model.rest[groups.nodes])
+    return jnp.moveaxis(rotation, 0, -1)[:, :, groups.element]
 
 
 def group_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> GroupSystem:

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
-from jaxfem.elements.finite import Curvature, LawMaterial, curvature, displacement_gradient
+from jaxfem.elements.finite import Curvature, curvature, displacement_gradient, of_energy
 from jaxfem.elements.mass import SharedMass
 from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
@@ -78,10 +78,10 @@ def assemble_rows(
     mass: Array,
     free: Array,
     pattern: Pattern,
-    coupling: SharedMass | None = None,
+    shared: SharedMass | None = None,
 ) -> BlockMatrix:
-    """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `coupling` what M has beside it."""
-    sums = _zero_sums(pattern, mass.dtype) if coupling is None else coupling.blocks(pattern.pair_count)
+    """M + J' C^-1 J of elastic rows; `mass` (n,) lumped, `shared` what M has beside it."""
+    sums = _zero_sums(pattern, mass.dtype) if shared is None else shared.blocks(pattern.pair_count)
     factors: list[Factor] = []
     for number, each in enumerate(rows):
         assert not isinstance(each, LawRows), "laws are linearised before their matrix is made"
@@ -132,7 +132,7 @@ def _row_sums(rows: ElasticRows, turned: Array, pattern: Pattern, number: int) -
     that is lambda r_a r_b' + mu (...) with mu = w_d/2. Deviatoric rows alone have w_v = 0.
     """
     weight = 1 / rows.compliance[-1]
-    bulk = 0.0 if rows.domains.part == "deviatoric" else 1 / rows.compliance[0]
+    bulk = 1 / rows.compliance[0] if rows.domains.whole else 0.0
     return _tangent_sums(turned, (bulk - weight) / 3, weight / 2, None, pattern, number)
 
 
@@ -158,7 +158,7 @@ def assemble_tangent(
     sums = _zero_sums(pattern, positions.dtype)
     factors: list[Factor] = []
     for number, (each, rotation, material) in enumerate(zip(domains, rotations, materials, strict=True)):
-        if isinstance(material, LawMaterial):
+        if of_energy(material):
             found = curvature(each, material, None, displacement_gradient(each, positions), definite=int(not exact))
             sums, factors = _with_law(sums, factors, each, found, 1.0, free, pattern, number)
             continue
@@ -181,7 +181,7 @@ def _lame(domains: Domains, material: DomainMaterial) -> tuple[Array, Array]:
     mu = deviatoric / 2
     if domains.volumetric:
         return volumetric / 3, jnp.zeros_like(mu)
-    return (volumetric if domains.part == "full" else 0.0) / 3 - 2 * mu / 3, mu
+    return (volumetric if domains.whole else 0.0) / 3 - 2 * mu / 3, mu
 
 
 def _spin(domains: Domains, positions: Array, rotation: Array, lam: Array, mu: Array) -> Array:

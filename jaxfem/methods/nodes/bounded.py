@@ -38,7 +38,8 @@ from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.implicit import or_nan, unless_zero
-from jaxfem.solvers.semismooth import SHARPEST, RowTerms, minimize_with_rows
+from jaxfem.solvers.row_terms import RowTerms
+from jaxfem.solvers.semismooth import SHARPEST, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.soft import System, inverse_mass, merged, momentum_gradient
 from jaxfem.tensors import inverse_blocks

@@ -8,7 +8,6 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.nodes.assembly import BlockMatrix, assemble_rows
 from jaxfem.methods.nodes.preconditioner import coarse_inverse, rigid_modes, two_level
-from jaxfem.rows.lawful import LawRows
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
 from jaxfem.system.soft import System, momentum_gradient
@@ -31,8 +30,8 @@ def linearised(system: System, velocities: Array | None = None, definite: Any = 
     if not system.nonlinear:
         return system
     at = jnp.zeros_like(system.target) if velocities is None else velocities
-    elastic = [each.tangent(at, definite) if isinstance(each, LawRows) else each for each in system.elastic]
-    return system.replace(elastic=tuple(elastic))  # for the matrix alone: it knows no impulses
+    elastic = tuple(each.tangent(at, definite) for each in system.elastic)
+    return system.replace(elastic=elastic)  # for the matrix alone: it knows no impulses
 
 
 def group_modes(system: System) -> Array:

@@ -31,7 +31,6 @@ class Prepared(Pytree):
     coarse: Array
 
 
-@dataclasses.dataclass(frozen=True)
 class Condensed(RowMethod):
     """Conjugate gradients on the nodes (see `condensed.py`); with extra rows a semismooth Newton method around them
     (see `bounded.py`), and Newton's around both where a law is not linear (see `rounds.py`). For scenes with soft
