@@ -39,8 +39,6 @@ HALF_SHEAR = Range(low=0.0, open_low=True, advice="must be > 0 Pa: half the shea
 EARLY = 0.5
 """Share of its length down to which a pressed bar should hold."""
 
-"""Of c10 + c01."""
-
 
 class MooneyRivlin(Nonlinear, word="mooney_rivlin"):
     """W = c10 (I1' - 3) + c01 (I2' - 3) + K/2 (J - 1)^2, I' the invariants of the shape (Mooney 1940, Rivlin 1948).

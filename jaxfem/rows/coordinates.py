@@ -169,7 +169,7 @@ class Limit(CoordinateRows):
         """Damping of rigid ones."""
         return idle_damping(values)
 
-    def checked(self, values: LimitValues) -> dict[str, tuple[Any, Range]]:
+    def combined(self, values: LimitValues) -> dict[str, tuple[Any, Range]]:
         """Limits do not cross."""
         apart = jnp.where(values.high >= values.low, 0, values.high - values.low)
         return {"high - low": (apart, UNCROSSED)}
@@ -218,7 +218,7 @@ class Drive(CoordinateRows):
         """What it drives to it need not reach."""
         return False
 
-    def checked(self, values: DriveValues) -> dict[str, tuple[Any, Range]]:
+    def combined(self, values: DriveValues) -> dict[str, tuple[Any, Range]]:
         """A motor that drives a rate has no damping beside its compliance."""
         return {} if self.position else {"damping": (values.damping, UNDAMPED)}
 

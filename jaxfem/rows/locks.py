@@ -69,7 +69,7 @@ class JointRows(Pytree):
         """Whether they only push or only pull, and may strike: limits and ropes."""
         return False
 
-    def checked(self, values: Any) -> dict[str, tuple[Any, Range]]:
+    def combined(self, values: Any) -> dict[str, tuple[Any, Range]]:
         """What must hold of the values beside the range of each, by what it is called: numbers (m,) and their range."""
         return {}
 

@@ -35,6 +35,7 @@ def bicgstab(
     *,
     tol: Any = 1e-8,
     max_iterations: Any = 1000,
+    lanes: bool = False,
 ) -> tuple[T, SolveInfo]:
     """Solve P A x = P b, A and P regular, from x = 0 until ||P (b - A x)|| <= tol ||P b||.
 
@@ -42,9 +43,12 @@ def bicgstab(
     max_iterations counts products with A.
     A first trip makes P b; each other one is one of the method's two half steps, after each of which the residual
     holds and may end the loop: so a compiled loop holds `matvec` and `preconditioner` once. Returns x and a SolveInfo
-    with ||P (b - A x)|| / ||P b||, by recurrence.
+    with ||P (b - A x)|| / ||P b||, by recurrence. `lanes`: the last axis of all arrays is one of systems by themselves,
+    each of which ends on its own.
     No derivative rule. Source: van der Vorst 1992.
     """
+
+    dot = trees.dot_by_lane if lanes else trees.dot
 
     def judge(residual: Array, scale: Array, sound: Any = True) -> Array:
         done = jnp.where(residual <= tol * scale, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
@@ -62,15 +66,15 @@ def bicgstab(
         opening, first = s.iteration < 0, s.iteration % 2 == 0
         direction = trees.where(first, s.p, s.r)
         product = preconditioner(trees.where(opening, b, matvec(direction)))
-        above = jnp.where(first, s.rho, trees.dot(product, s.r))
-        below = jnp.where(first, trees.dot(s.b, product), trees.dot(product, product))
+        above = jnp.where(first, s.rho, dot(product, s.r))
+        below = jnp.where(first, dot(s.b, product), dot(product, product))
         length = jnp.where(below != 0, above / jnp.where(below != 0, below, 1), 0)
         x, r = trees.plus(s.x, length, direction), trees.plus(s.r, -length, product)
-        rho = trees.dot(s.b, r)
+        rho = dot(s.b, r)
         safe = (length != 0) & (s.rho != 0)
         ratio = jnp.where(safe, rho * s.alpha / jnp.where(safe, s.rho * length, 1), 0)
         turned = trees.plus(r, ratio, trees.plus(s.p, -length, s.v))
-        residual, scale = trees.norm(r), trees.norm(product)
+        residual, scale = jnp.sqrt(dot(r, r)), jnp.sqrt(dot(product, product))
         moved = _State(
             x,
             r,
@@ -85,12 +89,17 @@ def bicgstab(
             jnp.where(residual <= tol * s.scale, judge(residual, s.scale), judge(residual, s.scale, safe)),
         )
         begun = _State(
-            s.x, product, product, s.v, product, scale**2, s.alpha, scale, scale, jnp.int32(0), judge(scale, scale)
+            s.x, product, product, s.v, product, scale**2, s.alpha, scale, scale, 0 * s.iteration, judge(scale, scale)
         )
-        return trees.where(opening, begun, moved)
+        following: _State = trees.where(opening, begun, moved)
+        if not lanes:
+            return following
+        still: _State = trees.where(running(s), following, s)
+        return still.replace(iteration=s.iteration + 1)  # all are in the same half
 
-    zero, one = trees.zeros(b), jnp.ones((), trees.dtype(b))
-    start = _State(zero, zero, zero, zero, zero, one, one, one, one, jnp.int32(-1), jnp.int32(Status.ITERATION_LIMIT))
-    end = jax.lax.while_loop(running, trip, start)
+    zero, one = trees.zeros(b), jnp.ones(jax.eval_shape(dot, b, b).shape, trees.dtype(b))
+    counts = jnp.ones(one.shape, jnp.int32)
+    start = _State(zero, zero, zero, zero, zero, one, one, one, one, -counts, counts * int(Status.ITERATION_LIMIT))
+    end = jax.lax.while_loop(lambda s: running(s).any(), trip, start)
     relative = end.residual / jnp.where(end.scale > 0, end.scale, 1)
     return end.x, SolveInfo(end.status, jnp.maximum(end.iteration, 0), relative, jnp.int32(0))

@@ -8,8 +8,7 @@ Both converge from anywhere. The share starts near one, where many rows change i
 """
 
 from collections.abc import Callable, Sequence
-from functools import partial
-from typing import Any, NamedTuple, Protocol
+from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -24,6 +23,7 @@ from jaxfem.solvers.status import SolveInfo, Status
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
+Follow = Callable[[Blocks, Blocks], Bounds]
 
 START, SHARPER, SHARPEST = 0.3, 0.1, 1e-3
 """The first share of compliance, the factor by which it falls each time that the active set has settled, its end."""
@@ -31,6 +31,8 @@ FORCING, CLOSE = 0.1, 1e-2
 """Relative residual of a Newton step's linear solve, while the active set changes and once it is the last step's."""
 SEARCHES = 12
 """Newton steps of the line search: it ends exactly once it is on the right piece."""
+REST = 0.7
+"""Of the residual at which the search ends: what a linear solve may leave."""
 MOST_TRIPS = 400
 WORSE = 5.0
 """Growth of the rows' violation at which an accelerated move is taken back."""
@@ -46,9 +48,9 @@ class RowOperator(Protocol):
         """J' lam."""
 
 
-class _State(Pytree):
-    """`centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and violation that the last move
-    not taken back started from."""
+class Search(Pytree):
+    """How far a search has come. `centre`: of the multipliers; `history` of its moves; `plain`, `far`: impulses and
+    violation that the last move not taken back started from."""
 
     step: Array
     gradient: Array
@@ -66,6 +68,16 @@ class _State(Pytree):
     status: Array
 
 
+class Heading(Pytree):
+    """What a Newton step starts from: softened compliance `soft`, the `stiffness` of the rows in play, the right side
+    `right`, and the relative residual `depth` to which it is solved."""
+
+    soft: Blocks
+    stiffness: Blocks
+    right: Array
+    depth: Array
+
+
 def minimize_with_rows(
     matvec: Operator,
     gradient: Array,
@@ -76,7 +88,7 @@ def minimize_with_rows(
     tol: Any,
     max_iterations: Any,
     absolute: Any = 0.0,
-    follow: Callable[[Blocks, Blocks], Bounds] | None = None,
+    follow: Follow | None = None,
     stiffened: Callable[[Blocks], Operator] | None = None,
     sharpest: float = SHARPEST,
 ) -> tuple[Array, Blocks, SolveInfo]:
@@ -94,6 +106,25 @@ def minimize_with_rows(
     the share of compliance ends; near one where the preconditioner bears stiff rows badly.
     No derivative rule. vmap-safe: a lane that has arrived stays as it is.
     """
+    first, target, scale = started(rows, terms, gradient, tol, absolute)
+
+    def trip(s: Search) -> Search:
+        s, heading = headed(rows, terms, target, s, follow, sharpest)
+        limit = max_iterations - s.iteration
+        precondition = preconditioner(heading.stiffness)
+        hessian = _with_penalty(matvec, rows, heading.stiffness) if stiffened is None else stiffened(heading.stiffness)
+        rest, depth = REST * target, heading.depth
+        step, info = pcg(hessian, heading.right, precondition, tol=depth, max_iterations=limit, absolute=rest)
+        return moved(rows, terms, heading, s, step, matvec(step), info)
+
+    last = jax.lax.while_loop(lambda s: unfinished(s, max_iterations), trip, first)
+    return last.step, *finished(terms, last, scale, follow)
+
+
+def started(
+    rows: Sequence[RowOperator], terms: RowTerms, gradient: Array, tol: Any, absolute: Any
+) -> tuple[Search, Array, Array]:
+    """The search before its first trip, the residual at which it ends, and what that is relative to."""
     none = trees.zeros(terms.start)
     scale = jnp.sqrt(trees.dot(gradient, gradient) + _size(rows, terms.violation(terms.slack, none)) ** 2)
     target = jnp.maximum(tol * scale, absolute)
@@ -102,51 +133,43 @@ def minimize_with_rows(
     start = terms.bounded(terms.start)
     bounds, inside = (terms.lower, terms.upper), terms.inside(start)
     moves = empty(start), start, jnp.inf * one
-    first = _State(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, inside, *counts)
-
-    def running(s: _State) -> Array:
-        more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
-        return more
-
-    given = _Given(matvec, rows, terms, preconditioner, stiffened, target, max_iterations, follow, sharpest)
-    last = jax.lax.while_loop(running, partial(_newton_step, given), first)
-    impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
-    if follow is not None:
-        impulses = _snapped(impulses, last.bounds, follow(impulses, last.slack))
-    relative = last.residual / jnp.where(scale > 0, scale, 1)
-    return last.step, impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
+    first = Search(0 * gradient, gradient, terms.slack, start, *moves, bounds, START * one, inside, *counts)
+    return first, target, scale
 
 
-class _Given(NamedTuple):
-    """What all trips share: see `minimize_with_rows`; `target`: the residual to reach."""
-
-    matvec: Operator
-    rows: Sequence[RowOperator]
-    terms: RowTerms
-    preconditioner: Callable[[Blocks], Operator]
-    stiffened: Callable[[Blocks], Operator] | None
-    target: Array
-    max_iterations: Any
-    follow: Callable[[Blocks, Blocks], Bounds] | None
-    sharpest: float
+def unfinished(s: Search, max_iterations: Any) -> Array:
+    """Whether a search goes on."""
+    more: Array = (s.status == Status.ITERATION_LIMIT) & (s.trips < MOST_TRIPS) & (s.iteration < max_iterations)
+    return more
 
 
-def _newton_step(given: _Given, s: _State) -> _State:
-    """One trip: the point judged, then a Newton step from it on its active set, with an exact line search."""
-    rows, terms, before = given.rows, given.terms, s.inside
-    s, soft, impulses, inside = _settle(rows, terms, given.target, s, given.follow, given.sharpest)
+def headed(
+    rows: Sequence[RowOperator], terms: RowTerms, target: Array, s: Search, follow: Follow | None, sharpest: float
+) -> tuple[Search, Heading]:
+    """The first half of a trip: the search judged, its centre moved where it must be, and what to solve for next."""
+    before = s.inside
+    s, soft, impulses, inside = _settle(rows, terms, target, s, follow, sharpest)
     stiffness = tuple(jnp.where(f, 1 / q, 0) for f, q in zip(inside, soft, strict=True))
-
     going = s.status == Status.ITERATION_LIMIT
     right = jnp.where(going, _push(rows, impulses) - s.gradient, 0)
-    limit = given.max_iterations - s.iteration
-    precondition = given.preconditioner(stiffness)
-    hessian = _with_penalty(given.matvec, rows, stiffness) if given.stiffened is None else given.stiffened(stiffness)
-    depth = jnp.where(_same(inside, before), CLOSE, FORCING)
-    step, info = pcg(hessian, right, precondition, tol=depth, max_iterations=limit, absolute=0.7 * given.target)
-    change, along = given.matvec(step), tuple(each.apply(step) for each in rows)
-    length = jnp.where(going, _exact_length(terms.within(s.bounds), soft, s, step, change, along), 0)
-    moved = s.replace(
+    depth = jnp.where(_same(inside, before), CLOSE, FORCING).astype(right.dtype)
+    return s, Heading(soft, stiffness, right, depth)
+
+
+def moved(
+    rows: Sequence[RowOperator],
+    terms: RowTerms,
+    heading: Heading,
+    s: Search,
+    step: Array,
+    change: Array,
+    info: SolveInfo,
+) -> Search:
+    """The second half: the search moved along the `step` that was solved for, `change` = S step, as far as it pays."""
+    going = s.status == Status.ITERATION_LIMIT
+    along = tuple(each.apply(step) for each in rows)
+    length = jnp.where(going, _exact_length(terms.within(s.bounds), heading.soft, s, step, change, along), 0)
+    further = s.replace(
         step=s.step + length * step,
         gradient=s.gradient + length * change,
         slack=tuple(a - length * b for a, b in zip(s.slack, along, strict=True)),
@@ -156,7 +179,16 @@ def _newton_step(given: _Given, s: _State) -> _State:
     )
     # A solve that converged has only made a step; one that did not ends the loop with its status.
     again = going & (info.status == Status.CONVERGED)
-    return moved.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), moved.status).astype(jnp.int32))
+    return further.replace(status=jnp.where(again, int(Status.ITERATION_LIMIT), further.status).astype(jnp.int32))
+
+
+def finished(terms: RowTerms, last: Search, scale: Array, follow: Follow | None) -> tuple[Blocks, SolveInfo]:
+    """Impulses at the end of a search, and how it went."""
+    impulses = terms.within(last.bounds).bounded(terms.raw(last.slack, last.centre, terms.softened(last.share)))
+    if follow is not None:
+        impulses = _snapped(impulses, last.bounds, follow(impulses, last.slack))
+    relative = last.residual / jnp.where(scale > 0, scale, 1)
+    return impulses, SolveInfo(last.status, last.iteration, relative, jnp.int32(0))
 
 
 def _with_penalty(matvec: Operator, rows: Sequence[RowOperator], stiffness: Blocks) -> Operator:
@@ -173,10 +205,10 @@ def _settle(
     rows: Sequence[RowOperator],
     terms: RowTerms,
     target: Array,
-    s: _State,
-    follow: Callable[[Blocks, Blocks], Bounds] | None,
+    s: Search,
+    follow: Follow | None,
     sharpest: float,
-) -> tuple[_State, Blocks, Blocks, Blocks]:
+) -> tuple[Search, Blocks, Blocks, Blocks]:
     """Judge the point reached, and move the centre where the rows are what is left to do.
 
     Returns the state, and what the next Newton step starts from: softened compliance, impulses, masks of rows inside.
@@ -190,7 +222,7 @@ def _settle(
     residual = jnp.sqrt(near**2 + far**2)
     done = jnp.where(residual <= target, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
     status = jnp.where(jnp.isfinite(residual), done, int(Status.NOT_FINITE)).astype(jnp.int32)
-    moving = (near <= jnp.maximum(0.5 * far, 0.7 * target)) & (status == Status.ITERATION_LIMIT)
+    moving = (near <= jnp.maximum(0.5 * far, REST * target)) & (status == Status.ITERATION_LIMIT)
     share = jnp.where(moving & _same(inside, s.inside), jnp.maximum(SHARPER * s.share, sharpest), s.share)
     # An accelerated move (the second that is known, or later) that made matters worse is taken back.
     worse = moving & (s.history.count > 1) & (far > WORSE * s.far)
@@ -231,7 +263,7 @@ def _snapped(impulses: Blocks, old: Bounds, new: Bounds) -> Blocks:
     return tuple(placed(*each) for each in zip(impulses, *old, *new, strict=True))
 
 
-def _exact_length(terms: RowTerms, soft: Blocks, s: _State, step: Array, change: Array, along: Blocks) -> Array:
+def _exact_length(terms: RowTerms, soft: Blocks, s: Search, step: Array, change: Array, along: Blocks) -> Array:
     """The minimiser t of the penalty form along `step`: the root of a rising piecewise linear function.
 
     slope(t) = step' (gradient + t S step) - (J step)' lam(t); Newton's method on it, within a bracket.

@@ -16,6 +16,13 @@ def dot(a: Any, b: Any) -> Array:
     return reduce(jnp.add, [jnp.vdot(u, v, precision=jax.lax.Precision.HIGHEST) for u, v in pairs])
 
 
+def dot_by_lane(a: Any, b: Any) -> Array:
+    """Inner products over all axes but the last one, which is that of lanes."""
+    pairs = zip(jax.tree.leaves(a), jax.tree.leaves(b), strict=True)
+    found: Array = reduce(jnp.add, [(u * v).sum(tuple(range(u.ndim - 1))) for u, v in pairs])
+    return found
+
+
 def norm(a: Any) -> Array:
     """Euclidean norm of a pytree."""
     return jnp.sqrt(dot(a, a))

@@ -43,7 +43,7 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
             yield name, value, allowed
     yield from ranges_of(params.replace(constants={}))
     for label, joints in model.joints.items():
-        for what, (value, each) in joints.checked(params.joints[label]).items():
+        for what, (value, each) in joints.combined(params.joints[label]).items():
             yield f'joints["{label}"].{what}', value, each
     for label, group in model.contacts.items():
         if not group.rough:

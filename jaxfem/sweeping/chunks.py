@@ -151,7 +151,7 @@ def chosen(task: Task, asked: str, devices: Sequence[Any]) -> tuple[Engine, str]
     if "lanes" not in ENGINES:
         return ENGINES["loop"].made(), "on CPUs one after another is faster than vmap"
     lanes = ENGINES["lanes"].made()
-    refused = lanes.refuses(task)
+    refused = lanes.refuses(task) or lanes.slower(task)
     if refused:
         return ENGINES["loop"].made(), f'one after another, since engine "lanes" {refused}'
     return lanes, "soft bodies on CPUs"

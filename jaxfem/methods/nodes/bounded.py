@@ -20,20 +20,12 @@ import jax.numpy as jnp
 from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
-from jaxfem.methods.nodes.cone import cone_residual, sliding, width, wished_impulses
+from jaxfem.methods.nodes.cone import cone_residual, width
+from jaxfem.methods.nodes.extra_terms import bounds_of, following, held_rows, tangent_terms, terms_at
 from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix
 from jaxfem.methods.nodes.row_coarse import coarse_space
 from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
-from jaxfem.rows.bounds import (
-    Bounds,
-    Impulses,
-    friction_radii,
-    named,
-    placed_at_bounds,
-    row_bounds,
-    sides_of,
-    without_cones,
-)
+from jaxfem.rows.bounds import Impulses, friction_radii, named, placed_at_bounds, sides_of, without_cones
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.box import make_box
@@ -46,7 +38,6 @@ from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
 Pair = tuple[Array, Impulses]
-Sides = tuple[Array | None, ...]
 
 SHARPEST_TIED = 0.1
 """The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
@@ -57,8 +48,14 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
 
     Which rows are at a bound is read off the impulses.
     """
-    velocities, impulses = merged(system, unknown[0]), unknown[1]
-    sides = without_cones(system.friction, sides_of(_bounds(system, impulses), impulses))
+    pushed, residuals = row_gradient(system, merged(system, unknown[0]), unknown[1])
+    momentum = momentum_gradient(system, unknown[0])
+    return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), residuals
+
+
+def row_gradient(system: System, velocities: Array, impulses: Impulses) -> Pair:
+    """What the extra rows are in it: J' lam (n, 3), with what is at a bound put on it, and what is left of the rows."""
+    sides = without_cones(system.friction, sides_of(bounds_of(system, impulses), impulses))
     on_bound = placed_at_bounds(system.extra, system.friction, sides, impulses)
     pushed = jnp.zeros_like(velocities)
     residuals = OrderedDict()
@@ -71,13 +68,7 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
             residuals[name] = cone_residual(lam, between, radius, width(system, rows))
         else:
             residuals[name] = jnp.where(sides[name] != 0, lam - own, between)
-    momentum = momentum_gradient(system, unknown[0])
-    return momentum - jnp.where(system.free[:, None] > 0, pushed, 0), residuals
-
-
-def _bounds(system: System, impulses: Impulses, wished: Impulses | None = None) -> Bounds:
-    """Bounds of the extra rows at their `impulses`; with `wished`, those of pairs in a cone (see `friction_radii`)."""
-    return row_bounds(system.extra, friction_radii(system.friction, impulses, wished))
+    return pushed, residuals
 
 
 @lanes_in_turn
@@ -86,21 +77,10 @@ def solve_bounded(system: System, coarse: Array, guess: Pair, gradient: Array | 
     free = system.free[:, None]
     start = guess[0] * free
     velocities = merged(system, start)
-    names, extra = tuple(system.extra), tuple(system.extra.values())
-
-    cones = any(each.cone for each in system.friction.values())
-
-    def follow(impulses: tuple[Array, ...], slack: tuple[Array, ...]) -> tuple[Sides, Sides]:
-        known = named(names, impulses)
-        low, up = _bounds(system, known, wished_impulses(system, known, slack) if cones else None)
-        return tuple(low.values()), tuple(up.values())
-
-    first = tuple(guess[1].values())
-    slack = tuple(rows.bias - rows.apply(velocities) for rows in extra)
-    terms = _terms(extra, slack=slack, start=first, bounds=follow(first, slack))
+    names, terms, follow = tuple(system.extra), terms_at(system, velocities, guess[1]), following(system)
     gradient = momentum_gradient(system, start) if gradient is None else gradient
     minimize = _minimizer(system, coarse)
-    step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow if system.friction else None)
+    step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow)
     end, impulses = start + step * free, named(names, found)
     weak = weakly_active(system, merged(system, end), impulses)
     return (end, impulses), info.replace(weakly_active=weak)
@@ -111,16 +91,11 @@ def pair_tangent(system: System, coarse: Array, unknown: Pair) -> Callable[[Pair
 
     Rows at a bound are held there, friction's at bounds that do not move: that derivative is symmetric.
     """
-    names, extra = tuple(system.extra), tuple(system.extra.values())
-    sides = sliding(system, unknown[1], sides_of(_bounds(system, unknown[1]), unknown[1]))
-    held = tuple(side != 0 for side in sides.values())
-    active = tuple(~mask for mask in held)
-    minimize, none = _minimizer(system, coarse), ((None,) * len(extra),) * 2
+    names, held, minimize = tuple(system.extra), held_rows(system, unknown[1]), _minimizer(system, coarse)
 
     def solve(right: Pair, tolerance: Any) -> tuple[Pair, SolveInfo]:
         wanted = tuple(right[1].values())
-        slack = tuple(jnp.where(on, -r, 0) for on, r in zip(active, wanted, strict=True))
-        terms = _terms(extra, slack, tuple(jnp.zeros_like(r) for r in slack), none, active)
+        terms = tangent_terms(system, held, wanted)
         velocities, impulses, info = minimize(-right[0], terms, tolerance, 0.0, None)
         return (velocities, named(names, map(jnp.where, held, wanted, impulses))), info
 
@@ -167,18 +142,13 @@ def weakly_active(system: System, velocities: Array, impulses: Impulses) -> Arra
         square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonals[name])
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
     threshold = 10 * tolerance * jnp.sqrt(square)
-    lower, upper = _bounds(system, impulses)
+    lower, upper = bounds_of(system, impulses)
     for name, rows in system.extra.items():
         lam, root = impulses[name], jnp.sqrt(diagonals[name])
         gap = rows.apply(velocities) + rows.compliance * lam - rows.bias
         box = make_box(lam, lower[name], upper[name])
         boxes.append(box.divided(1 / root).weak(lam * root, gap / root, threshold))
     return sum(boxes[1:], start=boxes[0])
-
-
-def _terms(extra: Any, slack: Any, start: Any, bounds: Any, active: Any = None) -> RowTerms:
-    compliance = tuple(jnp.broadcast_to(rows.compliance, rows.bias.shape) for rows in extra)
-    return RowTerms(slack, compliance, bounds[0], bounds[1], start, compliance, active or (None,) * len(extra))
 
 
 def _minimizer(system: System, coarse: Array) -> Any:

@@ -92,6 +92,10 @@ class Engine:
         """Why it cannot serve a task, in words that follow its name, or None."""
         return None
 
+    def slower(self, task: Task) -> str | None:
+        """Why another serves a task faster, although this one can, in words that follow its name, or None."""
+        return None
+
     def states_at_once(self, width: int) -> int:
         """How many variants' saved states are in memory at one time, of a chunk of that width."""
         return 1

@@ -13,6 +13,7 @@ from jaxfem.sweeping.engines.base import Engine, Kept, Task
 from jaxfem.sweeping.lanes.body import Body, body_of
 from jaxfem.sweeping.lanes.derivatives import run_with_derivatives
 from jaxfem.sweeping.lanes.run import begin, frames, keep
+from jaxfem.system.names import contact_name, friction_name, joint_name
 
 Array = jax.Array
 LARGEST = 3000  # free directions, beyond which all modes are too dear to find and to use
@@ -32,12 +33,13 @@ class LanesLast(Engine):
         """What is not written with lanes last."""
         model, state = task.model, task.state
         linear = not model.nonlinear and not model.has_memory
+        rigid, others = model.rigid is not None, model.coupled and {*(state.memory or {})} != _groups(model)
         reasons = {
-            "takes soft bodies alone, and this scene has rigid bodies, joints or contacts": model.coupled,
+            "takes soft bodies, with joints and contacts or without, and this scene has rigid ones": rigid,
+            f'takes joints and contacts by a method that keeps their impulses alone, not "{model.method.name}"': others,
             "takes laws that are linear and without a memory, and this scene has another": not linear,
             "takes strain of elements, and this scene smooths it": not all(each.by_element for each in model.domains),
             "takes one law for all bodies": len(model.domains) != 1,
-            "takes no mass-proportional damping": model.dragged,
             "takes lumped masses": not is_diagonal(model.mass),
             "takes the nearest rotation": not has_energy(model.rotation),
             f'takes methods that solve the step as it is, not "{model.method.name}"': not solves_as_it_is(model.method),
@@ -48,6 +50,10 @@ class LanesLast(Engine):
             f"takes at most {LARGEST} free directions": 3 * int(model.free.sum()) > LARGEST,
         }
         return next((words for words, so in reasons.items() if so), None)
+
+    def slower(self, task: Task) -> str | None:
+        """With joints and contacts, whose active sets each lane waits for all others to find."""
+        return "is no faster with joints and contacts" if task.model.coupled else None
 
     def prepare(self, task: Task) -> Body:
         """Connectivity and modes."""
@@ -63,3 +69,9 @@ class LanesLast(Engine):
             return keep(task, parts[0], body, begun, *frames(task, parts[0], body, begun))
 
         return run
+
+
+def _groups(model: Model) -> set[str]:
+    """Names of the groups of rows that are not elastic."""
+    rough = {friction_name(label) for label, group in model.contacts.items() if group.rough}
+    return {*map(joint_name, model.joints), *map(contact_name, model.contacts), *rough}

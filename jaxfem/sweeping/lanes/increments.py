@@ -25,7 +25,7 @@ Array = jax.Array
 class Lane(Pytree):
     """What of a variant does not change in a run: `lam`, `mu`, `beta` (E + 1, lanes) or (1, lanes), `mass`
     (n, 1, lanes), `weight` (n, 3, lanes) [N], and relative to the body's modes the mean `stiffness` and `density`
-    (lanes,), with the mean `damping` [s].
+    (lanes,), with the mean `damping` [s]. `drag` (n, 1, lanes) [1/s]: mass-proportional damping, None without.
     """
 
     lam: Array
@@ -36,6 +36,7 @@ class Lane(Pytree):
     stiffness: Array
     density: Array
     damping: Array
+    drag: Array | None = None
 
 
 class Frames(Pytree):
@@ -90,6 +91,8 @@ def left(body: Body, frames: Frames, equation: Equation, change: Array | None) -
     else:
         strained = Strained(base, place, rate, lane.lam, lane.mu, lane.beta, spin)
     force = elastic_force(body, frames.turned, strained)
+    if lane.drag is not None:
+        force = force + lane.mass * lane.drag * rate
     found: Array = (lane.mass * (stage.start - v) + equation.load - stage.weight * force)[:free]
     return found
 
@@ -108,32 +111,68 @@ def _turned_on(body: Body, frames: Frames, equation: Equation) -> tuple[Array, A
     return base, jnp.broadcast_to(every, (len(body.corners), *every.shape[1:]))
 
 
-def _operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, Linear]:
+def inertia(stage: Stage, lane: Lane) -> Array:
+    """Masses (n, 1, lanes) that the new velocities are felt by: those of drag are in them, see `system/drag.py`."""
+    return lane.mass if lane.drag is None else lane.mass * (1 + stage.weight * lane.drag * stage.follow)
+
+
+def stiffness(body: Body, equation: Equation) -> tuple[Array, Array]:
+    """What of a step lambda and mu (E + 1 or 1, lanes) come to, in the matrix on the velocities."""
+    lane = equation.lane
+    reach, follow, weight = (each_element(body, v) for v in _numbers(equation.stage))
+    share = weight * (reach + lane.beta * follow)
+    return share * lane.lam, share * lane.mu
+
+
+def operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, Linear]:
     """The matrix M + weight (reach + beta follow) K on the free nodes, and its preconditioner."""
     stage, lane, free = equation.stage, equation.lane, body.free
-    reach = stage.reach + lane.beta * stage.follow
-    lam, mu = (stage.weight * reach * each for each in (lane.lam, lane.mu))
-    still = jnp.zeros_like(equation.velocities[free:])
+    lam, mu = stiffness(body, equation)
+    still, mass = jnp.zeros_like(equation.velocities[free:]), inertia(stage, lane)[:free]
 
     def matrix(p: Array) -> Array:
         gradient = pairing(body, jnp.concatenate([p, still]), frames.turned)
-        found: Array = lane.mass[:free] * p + strain_force(body, frames.turned, gradient, lam, mu)[:free]
+        found: Array = mass * p + strain_force(body, frames.turned, gradient, lam, mu)[:free]
         return found
 
-    scale = stage.weight * (stage.reach + lane.damping * stage.follow) * lane.stiffness * body.stiffness / body.density
-    return matrix, modal(body, frames.rotations, scale, lane.density)
+    return matrix, modal(body, frames.rotations, *_relative(body, stage, lane))
+
+
+def _relative(body: Body, stage: Stage, lane: Lane) -> tuple[Array, Array]:
+    """Stiffness and density (lanes,) of a step's matrix, relative to those of the modes."""
+    reach, follow, weight = map(_mean, _numbers(stage))
+    scale = weight * (reach + lane.damping * follow) * lane.stiffness * body.stiffness / body.density
+    if lane.drag is None:
+        return scale, lane.density
+    mass = lane.mass[: body.free]
+    return scale, lane.density * inertia(stage, lane)[: body.free].sum((0, 1)) / mass.sum((0, 1))
+
+
+def each_element(body: Body, value: Array) -> Array:
+    """One of a stage's numbers (n, 1, lanes), the same on the nodes of an element, of elements (E + 1, lanes); those
+    that all nodes share as they are."""
+    return value[body.corners[:, 0], 0] if value.ndim > 1 else value
+
+
+def _numbers(stage: Stage) -> tuple[Array, Array, Array]:
+    return stage.reach, stage.follow, stage.weight
+
+
+def _mean(value: Array) -> Array:
+    """Of what nodes may differ in, (lanes,)."""
+    return value.mean((0, 1)) if value.ndim > 1 else value
 
 
 def _solve(body: Body, frames: Frames, equation: Equation, effort: Effort) -> tuple[Array, Outcome]:
     b = left(body, frames, equation, None)
     target = jnp.maximum(effort.tolerance * norm(b), effort.floor)
-    return solve(*_operators(body, frames, equation), b, target, effort.asked, effort.limit)
+    return solve(*operators(body, frames, equation), b, target, effort.asked, effort.limit)
 
 
 def _change(found: Array, _: Outcome, arguments: Any, pushed: Callable[[Callable[..., Any]], Any]) -> Array:
     body, frames, equation, effort = arguments
     right = pushed(lambda body, frames, equation, effort: left(body, frames, equation, found))
-    matrix, precondition = _operators(body, frames, equation)
+    matrix, precondition = operators(body, frames, equation)
 
     def solution(product: Linear, b: Array) -> Array:
         x, outcome = solve(product, precondition, b, effort.tolerance * norm(b), effort.asked, effort.limit)

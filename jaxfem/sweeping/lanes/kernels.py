@@ -116,6 +116,25 @@ def strain_force(body: Body, turned: Array, gradient: Array, lam: Array, mu: Arr
     return nodal_sum(body, corner_rows(body, strain_stress(body, gradient, lam, mu), turned))
 
 
+def diagonal_blocks(body: Body, turned: Array, lam: Array, mu: Array, mass: Array) -> Array:
+    """Blocks of M + K on the free nodes, (nf, 3, 3, lanes): sums of V (lam r r' + mu (r r' + |r|^2 I)) and masses."""
+    square, volumes = (turned * turned).sum(2), body.volumes[:, None]
+    own, share = volumes * (lam + mu)[:, None], volumes * mu[:, None] * square
+
+    def column(j: int) -> Array:
+        rows = body.fence(lambda: (own * turned[:, :, j])[:, :, None] * turned + share[:, :, None] * _axis(turned, j))
+        whole = nodal_sum(body, rows.reshape(-1, *rows.shape[2:]))
+        found: Array = (whole + mass * _axis(turned, j))[: body.free]
+        return found
+
+    return jnp.stack([column(j) for j in AXES], 2)
+
+
+def _axis(like: Array, j: int) -> Array:
+    """The unit vector of an axis, (3, 1)."""
+    return jnp.eye(3, dtype=like.dtype)[j][:, None]
+
+
 def corner_rows(body: Body, stress: Array, turned: Array) -> Array:
     """T r_a of each corner, (4 E, 3, lanes)."""
     rows: Array = body.fence(lambda: sum(stress[:, None, :, j] * turned[:, :, None, j] for j in AXES))

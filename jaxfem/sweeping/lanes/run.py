@@ -102,5 +102,6 @@ def _states(body: Body, start: State, saved: Moving) -> State:
         velocities=saved.velocities[:, body.back],
         accelerations=accelerations,
         time=saved.time,
+        memory=every.memory if saved.impulses is None else saved.impulses,
     )
     return found

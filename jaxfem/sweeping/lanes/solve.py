@@ -37,7 +37,8 @@ def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
     third of the time. Q: the mean rotation of some elements around each node.
     """
     q = body.fence(lambda: sum(r[body.around[:, k]] for k in range(body.around.shape[1])) / body.around.shape[1])
-    weight = body.fence(lambda: (1 / (density + scale * body.frequencies)).astype(body.shapes.dtype))
+    whole = body.density * (density + scale * body.frequencies)
+    weight = body.fence(lambda: (1 / whole).astype(body.shapes.dtype))
 
     def apply(x: Array) -> Array:
         turned = body.fence(lambda: jnp.asarray(sum(q[:, i] * x[:, i, None] for i in AXES), weight.dtype))
