@@ -1,7 +1,7 @@
 """jaxfem: a differentiable solver for soft and rigid bodies, in pure JAX."""
 
 from jaxfem import mesh, rotation, solvers
-from jaxfem.building import AccuracyWarning, OverlapWarning, build, rebuild
+from jaxfem.building import AccuracyWarning, OverlapWarning, UnusedWarning, build, rebuild
 from jaxfem.declared import BallJoint, Contact, DistanceJoint, HingeJoint, Motor, RigidBody, SliderJoint, WeldJoint
 from jaxfem.declared.loads import NodalForce, PointForce, Pressure, Traction
 from jaxfem.declared.scene import Driven, Scene, SceneError, SoftBody
@@ -103,6 +103,7 @@ __all__ = [
     "TetMesh",
     "Traction",
     "TriangleMesh",
+    "UnusedWarning",
     "Viscoelastic",
     "WeldJoint",
     "Yeoh",

@@ -14,6 +14,7 @@ from collections.abc import MutableMapping
 import jax
 
 from jaxfem.cli.programs import OFF, trim
+from jaxfem.cli.threads import one_blas_thread
 
 LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
 MOST_MEMORY = 5e9  # bytes a process
@@ -26,6 +27,7 @@ def compile_quickly(environment: MutableMapping[str, str] = os.environ) -> None:
     given = environment.get("XLA_FLAGS", "")
     wanted = [f"--{name}={value}" for name, value in QUICK_COMPILE.items() if name not in given]
     environment["XLA_FLAGS"] = " ".join([given, *wanted]).strip()
+    one_blas_thread(environment)  # workers have no core to spare for threads that wait
 
 
 def keep(folder: pathlib.Path | None, first: bool) -> None:

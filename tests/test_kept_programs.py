@@ -1,6 +1,12 @@
 """The tests' own care for compiled programs: a worker knows what it holds, and what it may."""
 
+import os
+import subprocess
+import sys
+
 import programs
+
+from jaxfem.cli.threads import one_blas_thread
 
 
 def test_memory_is_counted_in_bytes_and_shared_between_workers(monkeypatch):
@@ -13,3 +19,13 @@ def test_programs_are_compiled_quickly_unless_the_environment_says_how():
     environment = {"XLA_FLAGS": "--xla_backend_optimization_level=3"}
     programs.compile_quickly(environment)
     assert environment["XLA_FLAGS"] == "--xla_backend_optimization_level=3 --xla_cpu_use_fusion_emitters=false"
+    assert environment["OPENBLAS_NUM_THREADS"] == "1"
+    given = {"OPENBLAS_NUM_THREADS": "4"}
+    one_blas_thread(given)
+    assert given == {"OPENBLAS_NUM_THREADS": "4"}  # who says how many gets them
+
+
+def test_the_command_line_asks_for_one_thread_before_the_library_is_loaded():
+    """SciPy's library reads the environment as it is loaded: nothing that the commands import may load it before."""
+    code = "from jaxfem.cli import main, threads; import os; assert threads.one_blas_thread(os.environ)"
+    subprocess.run([sys.executable, "-c", code], check=True, env={**os.environ, "OPENBLAS_NUM_THREADS": ""})

@@ -103,6 +103,20 @@ def test_values_out_of_range_are_named(everything, name):
         assert "0.5" in describe(look(params.replace(poisson=jnp.array([0.5])), state, 1e-2, forces))
 
 
+def test_numbers_that_cannot_be_together_are_named(everything):
+    """Limits that cross; constants of a law: `tests/materials/test_nonsense.py`."""
+    (model, params, state), look = everything
+    still = jnp.zeros_like(state.positions)
+    (label,) = [name for name in params.joints if "limit" in name]
+    crossed = params.joints[label].replace(low=jnp.full(1, 0.5), high=jnp.full(1, -0.5))
+    given = params.replace(joints={**params.joints, label: crossed})
+    status = look(given, state, 1e-2, still)
+    assert f'joints["{label}"].high - low must not be negative: these limits cross' in describe(status)
+    assert 'high - low of joint "axle" is -1' in str(jf.diagnose(model, given, state, told(status)))
+    off = params.joints[label].replace(low=jnp.full(1, jnp.inf), high=jnp.full(1, jnp.inf))  # an infinite limit is off
+    assert int(look(params.replace(joints={**params.joints, label: off}), state, 1e-2, still)) == 0
+
+
 def test_the_first_of_several_is_named_and_the_others_are_found(everything):
     (model, params, state), look = everything
     given = params.replace(young=jnp.zeros(1), density=-jnp.ones(1))

@@ -15,6 +15,7 @@ from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_answers, check_body, check_laws, more_constants
+from jaxfem.building.unused import warn_of_unused
 from jaxfem.declared.errors import checked_choice, refuse_traced
 from jaxfem.declared.scene import Scene, SceneError, SoftBody
 from jaxfem.elements.mass import MASSES, MassKind, is_diagonal
@@ -62,7 +63,7 @@ def build(
     steps in which the body turns
     far). `dtype`: float32 or float64; JAX's default when None. `tolerance`: relative residual of each step's solve,
     1e-8 in float64 and 1e-5 in float32 when None. Raises SceneError with the body and the remedy; warns
-    (AccuracyWarning) of known bias.
+    (AccuracyWarning) of known bias, and (UnusedWarning) of numbers that change nothing.
     """
     if not isinstance(scene, Scene):
         raise SceneError(f"build takes a Scene, not a {type(scene).__name__}: write build(Scene([body]))")
@@ -88,6 +89,7 @@ def build(
     state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
     state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
+    warn_of_unused(scene, every, model, params)
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')

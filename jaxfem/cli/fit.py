@@ -24,6 +24,7 @@ from jaxfem.fitting import (
     refine,
     sample,
 )
+from jaxfem.fitting.posterior import blackjax_or_error
 from jaxfem.io.fit_after_page import after_parts
 from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
 from jaxfem.io.fit_json import as_json
@@ -72,6 +73,8 @@ def add(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit and write the results; 0 when done, 130 when interrupted (with the best so far written)."""
     file = load_fit(args.file)
+    if args.posterior is not None:
+        blackjax_or_error()  # before the fit, not after it
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")

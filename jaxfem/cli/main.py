@@ -31,6 +31,7 @@ from jaxfem.cli import (
 )
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
+from jaxfem.cli.threads import one_blas_thread
 from jaxfem.io.live import LiveError
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
@@ -78,6 +79,7 @@ def main(argv: Sequence[str] | None = None) -> int:
     words, modules = _imports([word for word in words if word not in given])
     args = parser().parse_args(words)
     if argv is None:
+        one_blas_thread()
         keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
         for own in OWN_WARNINGS:

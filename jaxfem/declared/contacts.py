@@ -1,5 +1,6 @@
 """Contacts as a user declares them: which two things may touch, and how rough and bouncy they are."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -68,6 +69,17 @@ class Contact:
     def label(self) -> str:
         """The contact's name in messages."""
         return self.name or "Contact"
+
+    def unused(self) -> Iterator[str]:
+        """What it has that changes nothing, in words."""
+        if self.cone and not self.friction:
+            yield "a cone and no friction"
+        if self.per_node != 2 and self.surface is None:
+            yield "per_node and no surface"
+        if self.against is not None and isinstance(self.b, Shape):
+            yield "a patch `against` beside ground"
+        if self.faces and isinstance(self.b, Shape) and self.b.flat:
+            yield "faces on flat ground"
 
     def _check_ground(self, ground: Shape) -> None:
         if not ground.is_obstacle():

@@ -75,7 +75,7 @@ def sample(
     for name, count, least in (("draws", draws, 10), ("chains", chains, 1), ("warmup", warmup, 20)):
         if isinstance(count, bool) or not isinstance(count, int) or count < least:
             raise FitError(f"{name} is {count!r}: give a whole number from {least} up")
-    blackjax = _library()
+    blackjax = blackjax_or_error()
     evaluator, best = _solution(result)
     data, density = _data(evaluator, best), _density(evaluator)
     tune, first, run = _programs(blackjax, density, kind, warmup)
@@ -98,7 +98,8 @@ def sample(
     return dataclasses.replace(result, posterior=posterior, warnings=(*result.warnings, *_doubts(posterior)))
 
 
-def _library() -> Any:
+def blackjax_or_error() -> Any:
+    """The library; FitError where it is not installed."""
     try:
         import blackjax
     except ImportError as problem:

@@ -18,7 +18,7 @@ from jaxfem.declared.scene import Scene
 from jaxfem.energies import energies
 from jaxfem.io.checkpoints import checkpoint_path, listed_frames, table_head, trimmed_table
 from jaxfem.io.fields import FIELDS, computed
-from jaxfem.io.parts import PARTS, Part, Shown, surfaces
+from jaxfem.io.parts import PARTS, Part, Shown, parts_of, surfaces
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.io.skins import skin
 from jaxfem.io.tracked import Tracked
@@ -167,8 +167,7 @@ class FrameWriter:
         with replaced(path) as temporary:
             write_foreign(temporary, *mesh, file_format="vtu")
         places = self.points.at(positions)
-        made = {name: make(self.shown, state, places) for name, make in PARTS.items()}
-        parts = {name: part for name, part in made.items() if part is not None and len(part.points)}
+        parts = parts_of(self.shown, state, places)
         paths = {name: self._part_file(path, name, part) for name, part in parts.items()}
         self.saved.append(Saved(time, path, paths))
         self.listed = len(self.saved) % (1 + len(self.saved) // SHORT) == 0

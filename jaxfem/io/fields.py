@@ -6,7 +6,9 @@ from typing import Any, Literal
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.declared.errors import SceneError
 from jaxfem.model import Model, Params, State
 from jaxfem.system.inside import in_world, tensors, von_mises
@@ -99,7 +101,10 @@ def computed(
     counts, found = {"node": model.nodes, "element": model.elements.cells.shape[0]}, {}
     for name in FIELDS if asked is None else [name for name in FIELDS if name in asked]:
         field = FIELDS[name]
-        found[name] = jnp.asarray(field.compute(model, params, state))
+        given: Any = field.compute(model, params, state)
+        if not isinstance(given, jax.Array | np.ndarray):
+            raise ValueError(f'the field "{name}" gives {described(given)}; it must give an array')
+        found[name] = jnp.asarray(given)
         if found[name].shape[:1] != (counts[field.on],):
             raise ValueError(
                 f'the field "{name}" has shape {found[name].shape}; it needs an entry for each of the '

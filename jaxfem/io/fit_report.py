@@ -198,7 +198,7 @@ def _provenance(result: FitResult, files: Mapping[str, Path], settings: Mapping[
         "time step": ", ".join(f"{take.name} {take.dt:.6g} s" for take in result.takes),
     }
     params = result.takes[0].params
-    held = [name for name in params.constants if name not in result.values]
+    held = [name for name, value in params.constants.items() if name not in result.values and np.size(value)]
     rows["held"] = ", ".join(f"{name} {float(np.mean(np.asarray(params.constants[name]))):.6g}" for name in held)
     rows |= {f"setting {name}": repr(value) for name, value in settings.items()}
     cells = "".join(

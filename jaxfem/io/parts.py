@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.declared.scene import Scene
 from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State
@@ -60,6 +61,8 @@ class Shown:
 
 Maker = Callable[[Shown, State, np.ndarray], Part | None]
 
+CORNERS = {"vertex": 1, "line": 2, "triangle": 3}
+"""Kinds of cells, with their number of points."""
 PARTS: dict[str, Maker] = {}
 """All parts by name, in the order in which an index lists them."""
 
@@ -74,6 +77,26 @@ def frame_part(name: str) -> Callable[[Maker], Maker]:
         return make
 
     return entered
+
+
+def parts_of(shown: Shown, state: State, points: np.ndarray) -> dict[str, Part]:
+    """The parts that a scene has, by name; ValueError names one that is none."""
+    found = {}
+    for name, make in PARTS.items():
+        part: Any = make(shown, state, points)
+        if part is None:
+            continue
+        if not isinstance(part, Part) or part.kind not in CORNERS:
+            given = described(part) if not isinstance(part, Part) else f'cells of the kind "{part.kind}"'
+            raise ValueError(f'the part "{name}" gives {given}; it must give a Part of {", ".join(CORNERS)}, or None')
+        counts = (np.shape(part.points), np.shape(part.cells))
+        if counts[0][:1] == (0,):
+            continue
+        if len(counts[0]) != 2 or counts[0][1] != 3 or counts[1][1:] != (CORNERS[part.kind],):
+            wanted = f"points (n, 3) and cells (m, {CORNERS[part.kind]})"
+            raise ValueError(f'the part "{name}" has points {counts[0]} and cells {counts[1]}; it needs {wanted}')
+        found[name] = part
+    return found
 
 
 def surfaces(scene: Scene | None, model: Model) -> tuple[Surface, Surface]:

@@ -173,22 +173,24 @@ def _system(inputs: _Inputs, around: Array) -> System:
     return step_system(i.model, i.params, i.state, i.dt, i.forces, around)
 
 
-def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -> tuple[Array, tuple[SolveInfo, Any]]:
-    def once(s: _Rounds, system: System, residual: Array) -> _Rounds:
-        found, rows, info, nothing_left = inner.round(system, inputs.cache, s.velocities, s.impulses, s.target)
-        s = s.replace(status=jnp.where(nothing_left, info.status, s.status).astype(jnp.int32))
-        failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
-        status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
-        total = s.iterations + info.iterations
-        return s.replace(
-            velocities=found,
-            best=s.velocities,
-            impulses=rows,
-            least=jnp.minimum(residual, s.least),
-            iterations=total,
-            status=status,
-        )
+def _round(inner: InRounds, cache: Any, s: _Rounds, system: System, residual: Array) -> _Rounds:
+    """One solve of the method inside, with the rotations of the last."""
+    found, rows, info, nothing_left = inner.round(system, cache, s.velocities, s.impulses, s.target)
+    s = s.replace(status=jnp.where(nothing_left, info.status, s.status).astype(jnp.int32))
+    failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
+    status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
+    total = s.iterations + info.iterations
+    return s.replace(
+        velocities=found,
+        best=s.velocities,
+        impulses=rows,
+        least=jnp.minimum(residual, s.least),
+        iterations=total,
+        status=status,
+    )
 
+
+def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -> tuple[Array, tuple[SolveInfo, Any]]:
     def trip(s: _Rounds) -> _Rounds:
         system = _system(inputs, s.velocities)
         # The limit counts the iterations of all rounds.
@@ -209,7 +211,7 @@ def _solve(inputs: _Inputs, velocities: Array, impulses: Any, inner: InRounds) -
         ended = s.replace(least=residual)
         worse = ~(residual <= GROWTH * s.least) & inner.guarded
         choice = jnp.where(status != int(Status.ITERATION_LIMIT), 0, jnp.where(worse, 1, 2))
-        branches = (lambda: ended, lambda: halved, lambda: once(s, system, residual))
+        branches = (lambda: ended, lambda: halved, lambda: _round(inner, inputs.cache, s, system, residual))
         following: _Rounds = jax.lax.switch(choice, branches)
         return following
 

@@ -37,7 +37,7 @@ LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
 ASIDE, EDGE = 0.01, 0.9
 """Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
 the two normals below which there is an edge in between."""
-SAID_AGAIN = 1e-3  # of what a unit impulse moves a row's nodes by: how far rows give that others nearly say too
+SAID_AGAIN = 1e-3  # of what a unit impulse moves a row's soft nodes by: how far rows give that others nearly say too
 
 
 class ContactValues(Pytree):
@@ -89,12 +89,12 @@ class Candidates(Pytree):
 
     @property
     def give(self) -> float:
-        """Least compliance of their rows, as a share of what a unit impulse moves their nodes by; 0: the solver's."""
+        """Least compliance of their rows, as a share of what a unit impulse moves soft nodes by; 0: the solver's."""
         return 0.0
 
     @property
     def slip(self) -> float:
-        """The same of their friction rows alone, by which what sticks creeps."""
+        """That of friction rows, as a share of what it moves both sides by: so what sticks creeps."""
         return 0.0
 
     @property
@@ -241,7 +241,7 @@ def contact_rows(
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
     approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
-    on = pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) < candidates.margin
+    on = ~(pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) >= candidates.margin)  # a NaN counts as near
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
     deep = on & (pairs.gap < -DEEP * candidates.margin)
     gaps = Gaps(

@@ -11,9 +11,9 @@ import jax.numpy as jnp
 
 from jaxfem.materials.quantities import positive, signed
 from jaxfem.pytrees import Pytree, static
-from jaxfem.ranges import within
+from jaxfem.ranges import Range, within
 from jaxfem.rows.attachments import Configuration, Frame, Point, difference, relative_spin
-from jaxfem.rows.locks import JointRows, Softness, along_axes, spring_rows
+from jaxfem.rows.locks import JointRows, Softness, along_axes, idle_damping, spring_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
 
@@ -128,6 +128,10 @@ class Distance(CoordinateRows):
         """A rope only pulls."""
         return self.rope
 
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Damping of rigid ones."""
+        return idle_damping(values)
+
     def rows(self, at: Configuration, values: LengthValues, stage: Stage) -> PointRows:
         """One row; a rope's impulse is at most zero."""
         s = self.coordinate.measured(at)
@@ -149,6 +153,10 @@ class LimitValues(Pytree):
     damping: Any = field(metadata=within(low=0) | positive("limit_damping", "N s/m", "damping of limits", "N m s"))
 
 
+UNCROSSED = Range(low=0, infinite=True, advice="must not be negative: these limits cross")
+"""Of the upper less the lower limit."""
+
+
 class Limit(CoordinateRows):
     """The coordinate stays between its limits: one row for each, pushing only inwards."""
 
@@ -156,6 +164,15 @@ class Limit(CoordinateRows):
     def one_sided(self) -> bool:
         """A limit only pushes."""
         return True
+
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Damping of rigid ones."""
+        return idle_damping(values)
+
+    def combined(self, values: LimitValues) -> dict[str, tuple[Any, Range]]:
+        """Limits do not cross."""
+        apart = jnp.where(values.high >= values.low, 0, values.high - values.low)
+        return {"high - low": (apart, UNCROSSED)}
 
     def rows(self, at: Configuration, values: LimitValues, stage: Stage) -> PointRows:
         """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off."""
@@ -183,6 +200,14 @@ class DriveValues(Pytree):
     damping: Any = field(metadata=within(low=0) | positive("motor_damping", "N s/m", "damping of the motor", "N m s"))
 
 
+UNDAMPED = Range(
+    low=0,
+    high=0,
+    advice="must be 0: these motors drive a rate, with the gain 1 / compliance; position motors have damping",
+)
+"""Of the damping of motors that drive a rate."""
+
+
 class Drive(CoordinateRows):
     """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
 
@@ -192,6 +217,16 @@ class Drive(CoordinateRows):
     def holds(self) -> bool:
         """What it drives to it need not reach."""
         return False
+
+    def combined(self, values: DriveValues) -> dict[str, tuple[Any, Range]]:
+        """A motor that drives a rate has no damping beside its compliance."""
+        return {} if self.position else {"damping": (values.damping, UNDAMPED)}
+
+    def idle(self, values: DriveValues) -> dict[str, tuple[Any, str]]:
+        """Damping of rate motors, and of rigid ones."""
+        if self.position:
+            return idle_damping(values)
+        return {"damping": (values.damping != 0, "whose motor drives a rate: its gain is 1 / compliance")}
 
     def rows(self, at: Configuration, values: DriveValues, stage: Stage) -> PointRows:
         """One row, impulse between -strength dt and strength dt (with the scheme's own weight for dt).

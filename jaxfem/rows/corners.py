@@ -10,7 +10,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, difference
-from jaxfem.rows.contact import Candidates, Pairs
+from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
 from jaxfem.rows.triangles import aside, nearest_triangle
 
 DEEPEST = 0.5
@@ -34,6 +34,11 @@ class CornerContacts(Candidates):
     def kind(self) -> str:
         """Words for the kinds of partners."""
         return f"rigid corner-soft {self.triangles.shape[1]}"
+
+    @property
+    def give(self) -> float:
+        """Nodes beneath the body and its corners on their triangles say nearly the same where it lies flat."""
+        return SAID_AGAIN
 
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle; beyond its edge the gap is the way from there."""

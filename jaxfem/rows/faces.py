@@ -15,7 +15,7 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint
-from jaxfem.rows.contact import Candidates, Pairs, ShapeContacts
+from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
 
 Array = jax.Array
@@ -59,6 +59,11 @@ class FaceContacts(Candidates):
     def alone(self) -> bool:
         """Its `most` triangles are one contact's."""
         return True
+
+    @property
+    def give(self) -> float:
+        """Triangles beside each other, their nodes and the shape's corners say nearly the same where it lies flat."""
+        return SAID_AGAIN
 
     def pairs(self, at: Configuration) -> Pairs:
         """Those of the deepest points; what a triangle's corners say, their own rows do, and it takes no part.

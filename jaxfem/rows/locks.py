@@ -16,7 +16,7 @@ import jax.numpy as jnp
 
 from jaxfem.materials.quantities import positive
 from jaxfem.pytrees import Pytree, static
-from jaxfem.ranges import within
+from jaxfem.ranges import Range, within
 from jaxfem.rows.attachments import (
     Configuration,
     Frame,
@@ -69,6 +69,14 @@ class JointRows(Pytree):
         """Whether they only push or only pull, and may strike: limits and ropes."""
         return False
 
+    def combined(self, values: Any) -> dict[str, tuple[Any, Range]]:
+        """What must hold of the values beside the range of each, by what it is called: numbers (m,) and their range."""
+        return {}
+
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Values that change nothing beside the others, by name: which of the joints (m,) have such, and why."""
+        return {}
+
     def rows(self, at: Configuration, values: Any, stage: Stage) -> PointRows:
         """Their rows; `at` is where the stage's `base` is."""
         raise NotImplementedError(f"{type(self).__name__} has no rows: define them")
@@ -84,6 +92,11 @@ class Pulling(Protocol):
 
     def tension_stiffness(self, force: Array, at: Configuration) -> Array:
         """What forces (m, r) [N] add to the angular mass of the bodies that they pull on, (b, 3, 3)."""
+
+
+def idle_damping(values: Any) -> dict[str, tuple[Any, str]]:
+    """For `JointRows.idle` of rows made by `spring_rows`: damping beside a compliance of 0."""
+    return {"damping": ((values.damping > 0) & (values.compliance == 0), "whose compliance is 0, so that it is rigid")}
 
 
 def spring_rows(
@@ -106,6 +119,10 @@ class PointLock(JointRows):
 
     a: Point
     b: Point
+
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Damping of rigid ones."""
+        return idle_damping(values)
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b."""
@@ -132,6 +149,10 @@ class LineLock(JointRows):
     b: Point
     frame: Frame
 
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Damping of rigid ones."""
+        return idle_damping(values)
+
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: from a to b along the axes across the line."""
         gap, triples, jacobian = along_axes(self.a.placed(at), self.b.placed(at), self.frame, at)
@@ -152,6 +173,10 @@ class FrameLock(JointRows):
     def length(self) -> bool:
         """An angle."""
         return False
+
+    def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
+        """Damping of rigid ones."""
+        return idle_damping(values)
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
         """Gap: the turn from a's axes to b's; its rate is the relative spin to first order."""

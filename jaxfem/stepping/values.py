@@ -42,6 +42,9 @@ def numbers_of(model: Model, params: Params) -> Iterator[tuple[str, Any, Range]]
         for name, (value, allowed) in law.combined(element_constants(model, params)).items():
             yield name, value, allowed
     yield from ranges_of(params.replace(constants={}))
+    for label, joints in model.joints.items():
+        for what, (value, each) in joints.combined(params.joints[label]).items():
+            yield f'joints["{label}"].{what}', value, each
     for label, group in model.contacts.items():
         if not group.rough:
             yield f'contacts["{label}"].friction', params.contacts[label].friction, SMOOTH

@@ -13,7 +13,8 @@ Virlez & Bruls 2013).
 """
 
 from collections import OrderedDict
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 from typing import Any
 
 import jax
@@ -35,6 +36,7 @@ from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, s
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
+Inverse = tuple[Array, Array | None]
 
 
 TRACE = {True: 1e-9, False: 1e-6}
@@ -78,10 +80,11 @@ def coupled_system(
 
         extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory or {}, dt)
     hardened, traces = OrderedDict[str, PointRows](), {}
-    held = (_held_mass(model, params, inverse[0], dt), inverse[1])
-    gives = _gives(model)
+    held = (_held_mass(model, params, inverse[0], dt, LEAST), inverse[1])
+    gives = _gives(model, params, inverse, held, dt)
     for name, rows in extra.items():
-        hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name), gives.get(name, 0))
+        least = gives[name](rows) if name in gives else None
+        hardened[name], traces[name] = _hardened(rows, inverse, held, gaps.get(name), least)
     system = system.replace(elastic=elastic, extra=hardened, friction=friction, passed=passed)
     looked_at = [joint_name(label) for label in model.joints]
     if model.rigid is not None:
@@ -119,11 +122,30 @@ def _extra_rows(
     return extra, friction, gaps
 
 
-def _gives(model: Model) -> dict[str, float]:
-    """Least share of compliance by group of rows, of those contacts that ask for one."""
-    asked = {contact_name(label): group.give for label, group in model.contacts.items()}
-    asked |= {friction_name(label): max(group.give, group.slip) for label, group in model.contacts.items()}
-    return {name: give for name, give in asked.items() if give > 0}
+def _gives(
+    model: Model, params: Params, inverse: Inverse, held: Inverse, dt: Array
+) -> dict[str, Callable[[PointRows], Array]]:
+    """By group of rows, of those contacts that ask for one: rows -> their least compliance (m, r).
+
+    What says the same many times gives by a share of what its soft nodes do, with the material around them and without
+    what is rigid: that is a share of how far the load presses them in, however heavy it is and whatever is between.
+    What slips gives by a share of what both sides do.
+    """
+    found: dict[str, Callable[[PointRows], Array]] = {}
+    soft = None
+    for label, group in model.contacts.items():
+        if group.slip > 0:
+            found[friction_name(label)] = partial(_share, group.slip, held)
+        if group.give > 0:
+            if soft is None:
+                firm = _held_mass(model, params, inverse[0], dt, 0.0).at[model.nodes :].set(0)
+                soft = firm, None if inverse[1] is None else jnp.zeros_like(inverse[1])
+            found |= dict.fromkeys((contact_name(label), friction_name(label)), partial(_share, group.give, soft))
+    return found
+
+
+def _share(share: float, inverse: Inverse, rows: PointRows) -> Array:
+    return share * rows.diagonal(*inverse)
 
 
 def _plain_stage(state: State, dt: Array) -> Stage:
@@ -241,33 +263,29 @@ def _with_rigid(
     )
 
 
-def _held_mass(model: Model, params: Params, inverse: Array, dt: Array) -> Array:
+def _held_mass(model: Model, params: Params, inverse: Array, dt: Array, least: float) -> Array:
     """Inverse masses (n,) of nodes that the material around them holds too, by dt^2 times its stiffness."""
     if not model.nodes:
         return inverse
     own = inverse[: model.nodes]
     share = 1 / (1 + dt**2 * own * nodal_stiffness(model, params))
-    return inverse.at[: model.nodes].set(own * jnp.maximum(share, LEAST))
+    return inverse.at[: model.nodes].set(own * jnp.maximum(share, least))
 
 
 def _hardened(
-    rows: PointRows,
-    inverse: tuple[Array, Array | None],
-    held: tuple[Array, Array | None],
-    gaps: Gaps | None,
-    give: float,
+    rows: PointRows, inverse: Inverse, held: Inverse, gaps: Gaps | None, least: Array | None
 ) -> tuple[PointRows, Array]:
     """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer; and that trace.
 
     1e-9 (1e-6 in single precision) of what a unit impulse on a row moves it by, each node as the material around it
-    lets it (`held`): a gram of what is stiff may carry tonnes; or the share `give`. Rows that move nothing get 1.
+    lets it (`held`): a gram of what is stiff may carry tonnes; or `least` (m, r). Rows that move nothing get 1.
     Contacts that are deep may pull as well, as much as it takes to stop what moves apart with `gaps.brake`: speed that
     they got from being moved apart is no momentum.
     """
-    trace = max(TRACE[rows.bias.dtype.itemsize > 4], give)
     # A trace is too small for its own derivative to matter; what contacts ask for is not.
-    diagonal = rows.diagonal(*held) if give > 0 else jax.lax.stop_gradient(rows.diagonal(*held))
-    own = jnp.where(diagonal > 0, trace * diagonal, 1)
+    diagonal = jax.lax.stop_gradient(rows.diagonal(*held))
+    trace = TRACE[rows.bias.dtype.itemsize > 4] * diagonal
+    own = jnp.where(diagonal > 0, trace if least is None else jnp.maximum(trace, least), 1)
     rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
         return rows, own

@@ -6,6 +6,7 @@ import pathlib
 import re
 import shutil
 import subprocess
+import sys
 
 import jsonschema
 import numpy as np
@@ -112,6 +113,12 @@ def test_mistakes_are_named(folder, capsys, old, new, message):
     (folder / "bad.toml").write_text(FIT.replace(old, new))
     assert main(["fit", str(folder / "bad.toml"), "--force"]) == 2
     assert message in capsys.readouterr().err
+
+
+def test_a_posterior_without_its_library_is_refused_before_the_fit(folder, capsys, monkeypatch):
+    monkeypatch.setitem(sys.modules, "blackjax", None)
+    assert main(["fit", str(folder / "fit.toml"), "--posterior", "--force"]) == 2
+    assert "pip install 'jaxfem[posterior]'" in capsys.readouterr().err
 
 
 def test_settings_are_read(folder):

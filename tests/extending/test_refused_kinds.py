@@ -13,6 +13,7 @@ from jaxfem.cli.main import main
 from jaxfem.declared.joints import Joint, Part
 from jaxfem.declared.loads import Load
 from jaxfem.inputs import Vector, takes
+from jaxfem.io import parts
 from jaxfem.io.fields import FIELDS, computed, frame_field
 from jaxfem.loads import FacePressure
 from jaxfem.materials.base import LAWS
@@ -165,6 +166,29 @@ def test_fields_of_the_frames_are_not_mistaken():
             computed(*scene)
     finally:
         del FIELDS["short"]
+    frame_field("nothing", "", "node")(lambda model, params, state: None)
+    try:
+        with pytest.raises(ValueError, match='the field "nothing" gives None; it must give an array'):
+            computed(*scene)
+    finally:
+        del FIELDS["nothing"]
+
+
+@pytest.mark.parametrize(
+    ("part", "text"),
+    [
+        (np.zeros((2, 3)), r"gives an array of shape \(2, 3\) .*; it must give a Part of vertex, line, triangle"),
+        (parts.Part(np.zeros((2, 3)), "quad", np.zeros((1, 4), int)), 'gives cells of the kind "quad"'),
+        (parts.Part(np.zeros((2, 3)), "line", np.zeros(2, int)), r".* cells \(2,\); it needs points .* cells \(m, 2\)"),
+        (parts.Part(np.zeros(3), "vertex", np.zeros((1, 1), int)), r"has points \(3,\)"),
+    ],
+)
+def test_parts_of_the_frames_are_looked_at(part, text, monkeypatch):
+    monkeypatch.setattr(parts, "PARTS", {"mine": lambda shown, state, points: part})
+    with pytest.raises(ValueError, match=f'the part "mine" {text}'):
+        parts.parts_of(None, None, np.zeros((0, 3)))
+    monkeypatch.setattr(parts, "PARTS", {"mine": lambda shown, state, points: None})
+    assert parts.parts_of(None, None, np.zeros((0, 3))) == {}
 
 
 FILE = """

@@ -78,6 +78,10 @@ class Joint(Declared):
         checked_number(f'compliance of "{self.label}"', self.compliance, low=0)
         checked_number(f'damping of "{self.label}"', self.damping, low=0)
 
+    def unused(self) -> Iterator[str]:
+        """What it has that changes nothing, in words; numbers of its rows tell that themselves."""
+        yield from ()
+
     def flaw(self) -> str:
         """What is wrong with a field, and what to do; empty where nothing is. Values that it may leave out may be."""
         defaults = {each.name: each.default for each in dataclasses.fields(self)}

@@ -26,6 +26,11 @@ class WeldJoint(Joint, kind="weld"):
         super().__post_init__()
         checked_vector(f'anchor of "{self.label}"', self.anchor)
 
+    def unused(self) -> Iterator[str]:
+        """The anchor of a soft one, which is tied node by node."""
+        if self.nodes is not None and np.any(np.asarray(self.anchor, float)):
+            yield "an anchor beside nodes"
+
     def parts(self, bodies: Attachments, where: str) -> Iterator[Part]:
         """Locks of a point and of frames, or of each node."""
         kind, number = bodies.find(self.a, where)

@@ -57,11 +57,7 @@ def search_by_elimination(
     which there are no more than `most`, but for the last round's check."""
     right, diagonal, inverse = operator.right, operator.diagonal, operator.inverse
     root = jax.tree.map(jnp.sqrt, diagonal)
-    scale = trees.norm(jax.tree.map(jnp.divide, right, root))
-    # What a step cannot do better than: the rounding of velocities as large as those in it.
-    energy = jnp.sum(system.target * apply_mass(system, system.target))
-    floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
-    wanted = jnp.maximum(system.tolerance * scale, floor)
+    scale, wanted = _sizes(system, right, root)
     slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
     bounded = any(low is not None for low in bounds[0].values())
 
@@ -96,21 +92,25 @@ def search_by_elimination(
         return impulses, velocities, info
 
     def go_on() -> tuple[Impulses, Array, SolveInfo]:
-        further, after = mprgp_loop(
-            operator.apply,
-            right,
-            *bounds,
-            x0=jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses),
-            diagonal=diagonal,
-            tol=wanted / jnp.where(scale > 0, scale, 1),
-            max_iterations=jnp.where(info.status == 0, 0, most - end.products),
-        )
+        start = jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses)
+        stop = {"tol": wanted / jnp.where(scale > 0, scale, 1)}
+        stop["max_iterations"] = jnp.where(info.status == 0, 0, most - end.products)
+        further, after = mprgp_loop(operator.apply, right, *bounds, x0=start, diagonal=diagonal, **stop)
         return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
 
     found: tuple[Impulses, Array, SolveInfo] = jax.lax.cond(
         info.status == 0, lambda: (impulses, velocities, info), go_on
     )
     return found
+
+
+def _sizes(system: System, right: Impulses, root: Impulses) -> tuple[Array, Array]:
+    """The right side's size in scaled variables, and that of the residual to reach."""
+    scale = trees.norm(jax.tree.map(jnp.divide, right, root))
+    # What a step cannot do better than: the rounding of velocities as large as those in it.
+    energy = jnp.sum(system.target * apply_mass(system, system.target))
+    floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
+    return scale, jnp.maximum(system.tolerance * scale, floor)
 
 
 def _status(end: _Round, wanted: Array) -> Array:
