@@ -67,5 +67,5 @@ def total_elastic_energy(model: Model, params: Params, positions: Array, interna
         total: Array = own.energy
         return total
     materials = resting_materials(model, params, internal)
-    energy = elastic_energy(model.domains, positions, materials, model.rotation)
+    energy = elastic_energy(model.domains, positions, materials, model.rotation_kind)
     return energy if internal is None else energy + beside_strain(model, params, internal)

@@ -142,7 +142,7 @@ class Model(Shaped):
     scheme: Scheme
     method: Method = static()
     choice: Choice = static()
-    rotation: RotationKind = static()
+    rotation_kind: RotationKind = static()
     mass: MassKind = static()
     bodies: tuple[str, ...] = static()
     plan: Any = None

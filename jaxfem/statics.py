@@ -78,8 +78,8 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
         raise StepError(
             "equilibrium takes soft bodies alone: a scene with rigid bodies, joints or contacts comes to rest by steps"
         )
-    if not has_energy(model.rotation):
-        raise StepError(f'rotation = "{model.rotation}" has no energy to minimise: build with rotation = "polar"')
+    if not has_energy(model.rotation_kind):
+        raise StepError(f'rotation = "{model.rotation_kind}" has no energy to minimise: build with rotation = "polar"')
     if refused := refused_elasticity(model):
         raise StepError(f"equilibrium {refused}")
     flowing = model.bodies_of(lambda law: law.remembers and not law.relaxes)

@@ -52,8 +52,10 @@ def modes(
         raise StepError(f"mass is {mass!r}; known: {', '.join(MASSES)}")
     if model.coupled:
         raise StepError("modes takes soft bodies alone, without rigid bodies, joints or contacts")
-    if not has_energy(model.rotation):
-        raise StepError(f'rotation = "{model.rotation}" has no energy, hence no modes: build with rotation = "polar"')
+    if not has_energy(model.rotation_kind):
+        raise StepError(
+            f'rotation = "{model.rotation_kind}" has no energy, hence no modes: build with rotation = "polar"'
+        )
     if not (isinstance(count, int) and 1 <= count <= 3 * model.nodes):
         raise StepError(f"count is {count}; give an integer from 1 to {3 * model.nodes}, three a node")
     if refused := refused_elasticity(model):

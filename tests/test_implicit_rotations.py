@@ -28,7 +28,7 @@ def test_implicit_rotations_balance_forces_at_the_end_of_the_step(scheme, solver
         materials = domain_materials(model, params)
 
         def force(x, v, model=model, params=params, materials=materials):
-            return viscoelastic_force(model.domains, x, v, materials, model.rotation)
+            return viscoelastic_force(model.domains, x, v, materials, model.rotation_kind)
 
         mass = np.asarray(nodal_mass(model, params.density))[:, None]
         weight = mass * np.asarray(params.gravity)

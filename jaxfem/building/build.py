@@ -167,7 +167,7 @@ def _model(
         scheme=scheme,
         method=Condensed(),  # until all is known: see `choose.py`
         choice=Choice("auto", "not chosen yet"),
-        rotation=bodies[0].rotation if bodies else "polar",
+        rotation_kind=bodies[0].rotation if bodies else "polar",
         mass=mass,
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),

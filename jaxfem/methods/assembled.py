@@ -61,7 +61,7 @@ class Assembled(Method):
 def assembled_system(model: Model, params: Params, state: State, dt: Array, forces: Array | None) -> NodeSystem:
     """The step at the head of this file."""
     x, pairs = state.positions, model.plan
-    turned = jnp.moveaxis(array_of(rotation_of(deformation_gradient(model.elements, x), model.rotation)), -1, 0)
+    turned = jnp.moveaxis(array_of(rotation_of(deformation_gradient(model.elements, x), model.rotation_kind)), -1, 0)
     stiffness = warped_stiffness(model, params, turned)
     mass = nodal_mass(model, params.density)
     load = dt * (external_force(model, params, x, forces) - warped_force(model, stiffness, turned, x))

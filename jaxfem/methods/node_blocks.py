@@ -164,8 +164,8 @@ def check_linear(model: Model) -> None:
 
 def check_polar(model: Model) -> None:
     """CannotServe where bodies ask for rotations that a method without any of elements would leave out in silence."""
-    if model.rotation != "polar":
+    if model.rotation_kind != "polar":
         raise CannotServe(
-            f'knows no rotations of elements, and the bodies ask for rotation = "{model.rotation}": leave it out, or '
-            'use "assembled" or "condensed" for it'
+            f'knows no rotations of elements, and the bodies ask for rotation = "{model.rotation_kind}": leave it out, '
+            'or use "assembled" or "condensed" for it'
         )

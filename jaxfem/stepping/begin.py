@@ -21,7 +21,9 @@ def begun(model: Model, params: Params, state: State, forces: Array | None) -> S
     def acceleration() -> Array:
         force = external_force(model, params, state.positions, forces)
         materials = step_materials(model, params, state, soon(model.rest.dtype))
-        force = force + viscoelastic_force(model.domains, state.positions, state.velocities, materials, model.rotation)
+        force = force + viscoelastic_force(
+            model.domains, state.positions, state.velocities, materials, model.rotation_kind
+        )
         found = _acceleration(model, params, force)
         if not model.dragged:
             return found

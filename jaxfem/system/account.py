@@ -61,7 +61,7 @@ def _losses(model: Model, params: Params, before: State, after: State, dt: Array
     own = model.method.elasticity(model, params, 0.5 * (before.positions + after.positions), way / dt)
     if own is not None:
         return {"damping": dt * own.power}
-    strains = [domain_strains(model.domains, each.positions, model.rotation) for each in (before, after)]
+    strains = [domain_strains(model.domains, each.positions, model.rotation_kind) for each in (before, after)]
     values, zero = element_constants(model, params), jnp.zeros((), model.rest.dtype)
     losses = {"damping": zero}
     for k, (each, material) in enumerate(zip(model.domains, domain_materials(model, params), strict=True)):
@@ -101,4 +101,4 @@ def _inner_force(model: Model, params: Params, state: State, rates: Array) -> Ar
         force: Array = own.force
         return force
     materials = step_materials(model, params, state, soon(model.rest.dtype))
-    return viscoelastic_force(model.domains, state.positions, rates, materials, model.rotation)
+    return viscoelastic_force(model.domains, state.positions, rates, materials, model.rotation_kind)

@@ -28,7 +28,7 @@ def tensors(model: Model, params: Params, state: State) -> dict[str, list[Array]
     "stress" [Pa], of the strain and what is remembered, without `damping`; "strain"; and what the laws tell of
     themselves, such as "plastic_strain" or "viscous_strain", zero in bodies that have none.
     """
-    domains = domain_strains(model.domains, state.positions, model.rotation)
+    domains = domain_strains(model.domains, state.positions, model.rotation_kind)
     strains, turns = [jnp.stack(own) for own, _, _ in domains], [turn for _, turn, _ in domains]
     materials = step_materials(model, params, state, soon(model.rest.dtype))
     known = zip(model.domains, materials, strains, turns, strict=True)
@@ -58,7 +58,7 @@ def von_mises(coefficients: Sequence[Array], strain: bool = False) -> Array:
 
 def in_world(model: Model, state: State) -> Callable[[Sequence[Array]], Array]:
     """Coefficients in the elements' rotated frames -> components (E, 6) in the world's axes, ordered as `PAIRS`."""
-    rotation = rotation_of(deformation_gradient(model.elements, state.positions), model.rotation)
+    rotation = rotation_of(deformation_gradient(model.elements, state.positions), model.rotation_kind)
 
     def turned(coefficients: Sequence[Array]) -> Array:
         tensor = product(product(rotation, from_eigenbasis(list(coefficients))), transposed(rotation))

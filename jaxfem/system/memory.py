@@ -30,7 +30,7 @@ def first_memory(kinds: Sequence[Domains], dtype: Any) -> tuple[Any, ...] | None
 def memory_at(model: Model, params: Params, positions: Array, at_once: bool) -> tuple[Any, ...]:
     """What is remembered of `positions` (n, 3) where they have been held for ever, or were taken to `at_once`."""
     values = element_constants(model, params)
-    strains = domain_strains(model.domains, positions, model.rotation)
+    strains = domain_strains(model.domains, positions, model.rotation_kind)
 
     def own(domains: Domains, strain: Array) -> Any:
         law = domains.law
@@ -78,7 +78,7 @@ def committed(
     if state.internal is None:
         return None, None
     values = element_constants(model, params)
-    strains = domain_stretches(model.domains, positions, model.rotation)
+    strains = domain_stretches(model.domains, positions, model.rotation_kind)
     made: list[Any] = []
     counts: dict[str, Array] = {}
     for each, internal, end in zip(model.domains, state.internal, strains, strict=True):

@@ -107,7 +107,7 @@ def step_system(
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     materials = step_materials(model, params, state, dt, stage)
-    elastic = elastic_rows(model.domains, stage, materials, model.rotation, turns)
+    elastic = elastic_rows(model.domains, stage, materials, model.rotation_kind, turns)
     system = System(
         elastic=elastic,
         mass=mass,
@@ -206,7 +206,7 @@ def elastic_rounding(model: Model, params: Params, positions: Array) -> Array:
     materials, still = domain_materials(model, params), jnp.zeros_like(positions)
 
     def force(x: Array) -> Array:
-        return viscoelastic_force(model.domains, x, still, materials, model.rotation)
+        return viscoelastic_force(model.domains, x, still, materials, model.rotation_kind)
 
     rounding: Array = jnp.linalg.norm(force(positions + digit * signs) - force(positions))
     return rounding

@@ -41,7 +41,7 @@ class LanesLast(Engine):
             "takes strain of elements, and this scene smooths it": not all(each.by_element for each in model.domains),
             "takes one law for all bodies": len(model.domains) != 1,
             "takes lumped masses": not is_diagonal(model.mass),
-            "takes the nearest rotation": not has_energy(model.rotation),
+            "takes the nearest rotation": not has_energy(model.rotation_kind),
             f'takes methods that solve the step as it is, not "{model.method.name}"': not solves_as_it_is(model.method),
             f'takes schemes that know of lanes, not "{model.scheme.name}"': not model.scheme.lanes,
             "keeps no account of energy": state.account is not None,
