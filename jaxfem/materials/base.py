@@ -68,7 +68,7 @@ class Material:
         options = {name: given.get(name, default) for name, default in self.options.items()}
         for name, value in options.items():
             if not _alike(value, self.options[name]):
-                kind = _KINDS[type(self.options[name])]
+                _, kind = _OPTIONS[type(self.options[name])]
                 raise MaterialError(f"{name} of {type(self).__name__} is {value!r}: give {kind}")
         constants = self.constants_of(options)
         names = [each.name for each in constants]
@@ -220,13 +220,18 @@ def _check_declared(law: str, constants: Any, options: Any) -> None:
             raise TypeError(f"{law} has the option {name} = {default!r}: give a flag, a number or a text")
 
 
-_KINDS: Mapping[type, str] = {bool: "True or False", int: "a whole number", float: "a number", str: "a word"}
+_OPTIONS: Mapping[type, tuple[tuple[type, ...], str]] = {
+    bool: ((bool, np.bool_), "True or False"),
+    int: ((int, np.integer), "a whole number"),
+    float: ((int, float, np.number), "a number"),
+    str: ((str,), "a word"),
+}
+"""By the type of an option's default: what its values may be, and words for them."""
 
 
 def _alike(value: Any, default: Any) -> bool:
     """Whether an option's value is of its default's kind; a whole number serves for a number too."""
-    kinds = {bool: (bool, np.bool_), int: (int, np.integer), float: (int, float, np.number), str: (str,)}
-    known = kinds.get(type(default))
-    if known is None:
+    if type(default) not in _OPTIONS:
         return True
+    known, _ = _OPTIONS[type(default)]
     return isinstance(value, known) and (isinstance(value, bool | np.bool_) == isinstance(default, bool))
