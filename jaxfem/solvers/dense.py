@@ -34,7 +34,8 @@ def dense_inverse(matrix: Array) -> Array:
         a = lax.dynamic_update_slice(a, share.T, (0, first))
         return lax.dynamic_update_slice(a, pivot, (first, first))
 
-    return -lax.fori_loop(0, padded // BLOCK, sweep, whole)[:size, :size]
+    swept: Array = lax.fori_loop(0, padded // BLOCK, sweep, whole)
+    return -swept[:size, :size]
 
 
 def _swept(block: Array) -> Array:
