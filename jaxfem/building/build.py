@@ -93,7 +93,8 @@ def build(
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    state = state.replace(carry=first_carry(state))
+    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    state = state.replace(carry=first_carry(state, points))
     return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
 
 
