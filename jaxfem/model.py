@@ -125,7 +125,8 @@ class Model(Shaped):
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
     holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it. `more_constants`: those beside
-    the laws' and density, such as mass-proportional damping, of scenes or methods that have them.
+    the laws' and density, such as mass-proportional damping, of scenes or methods that have them. `load_units`: of the
+    values in `params.loads`.
     """
 
     rest: Array
@@ -158,6 +159,7 @@ class Model(Shaped):
     laws: tuple[Material, ...] = static(default=())
     more_constants: tuple[Constant, ...] = static(default=())
     reshaped: bool = static(default=False)
+    load_units: tuple[str, ...] = static(default=())
 
     @property
     def constants(self) -> dict[str, Constant]:

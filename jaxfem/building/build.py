@@ -173,6 +173,7 @@ def _model(
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
+        load_units=tuple(load.unit for b in bodies for load in b.loads),
     )
 
 
