@@ -98,7 +98,8 @@ def _invariants(e: Array) -> tuple[Array, Array, Array]:
 def _square_trace(a: Array) -> Array:
     """tr(A^2) of a packed symmetric matrix."""
     xx, yy, zz, yz, xz, xy = a
-    return xx * xx + yy * yy + zz * zz + 2 * (yz * yz + xz * xz + xy * xy)
+    square: Array = xx * xx + yy * yy + zz * zz + 2 * (yz * yz + xz * xz + xy * xy)
+    return square
 
 
 def _packed(m: Matrix3) -> Array:

@@ -169,6 +169,7 @@ def test_a_driven_end_and_two_bodies():
     "settings, words",
     [
         (dict(groups=0), "groups = 0"),
+        (dict(groups=None), "groups = None"),
         (dict(groups=10_000), "ask for fewer"),
         (dict(binding="loose"), "binding = 'loose'"),
         (dict(binding=-1.0), "at least 0 N/m"),
@@ -196,3 +197,11 @@ def test_parts_that_move_by_themselves_share_no_rotation():
     assert not info.status.any()
     fallen = np.asarray(states.positions[-1] - model.rest)[len(held.points) :]
     np.testing.assert_allclose(fallen, np.broadcast_to([0, 0, -9.81 * DT**2 * 210], fallen.shape), atol=1e-12)
+
+
+def test_a_binding_that_does_not_hold_is_told():
+    """k = 0 ties nothing; rounds too few for so long a step leave copies of a node metres apart."""
+    with pytest.warns(jf.AccuracyWarning, match="binding = 0 N/m ties no groups"):
+        built(Groupwise(groups=3, binding=0.0, rounds=4))
+    state, info = jf.step(*built(Groupwise(groups=3, binding=20.0, rounds=4)), dt=100.0)
+    assert float(interface_gap(state)) > 1 and "the groups came apart" in describe(info.status)

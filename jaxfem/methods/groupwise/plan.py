@@ -58,9 +58,8 @@ def element_groups(model: Model, groups: int | None, size: int | None) -> np.nda
     body, label, first = np.asarray(model.elements.body), np.zeros(len(places), np.int64), 0
     for number, name in enumerate(model.bodies):
         own = np.flatnonzero(body == number)
-        count = groups
-        if size is not None:
-            count = sum(-(-len(part) // size) for part in separate(cells[own]))
+        parts = separate(cells[own])
+        count = (groups or 0) if size is None else sum(-(-len(part) // size) for part in parts)
         try:
             label[own] = first + partition(places[own], cells[own], count)
         except ValueError as problem:
