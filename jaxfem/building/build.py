@@ -95,7 +95,8 @@ def build(
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    state = state.replace(carry=first_carry(state))
+    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    state = state.replace(carry=first_carry(state, points))
     return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
 
 
@@ -174,6 +175,7 @@ def _model(
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
+        load_units=tuple(load.unit for b in bodies for load in b.loads),
     )
 
 
