@@ -242,6 +242,17 @@ def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
     return volumetric, deviatoric
 
 
+def element_damping(model: Model, params: Params) -> Array:
+    """Damping of the elements by their laws, () or (E,) [s]."""
+    values = element_constants(model, params)
+    law, *others = dict.fromkeys(model.laws)
+    found = jnp.asarray(law.damping(values))
+    for other in others:
+        its = jnp.array([each == other for each in model.laws])[model.elements.body]
+        found = jnp.where(its, other.damping(values), found)
+    return found
+
+
 def nodal_stiffness(model: Model, params: Params) -> Array:
     """What the material around each node holds it with at least, (n,) [N/m]: sums of mu V |grad N|^2."""
     elements = model.elements
