@@ -18,7 +18,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import linearised, pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.start_checks import camera_faults, late_faults
+from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
@@ -59,6 +59,7 @@ def written_faults(
     if not faults:
         faults = [
             *camera_faults(recording, is_held(model)),
+            *(again_faults(recording, measured) if is_held(model) else []),
             *late_faults(measured, falling(model, params, state, late)),
         ]
     return faults, [*notes, *pauses_in_words(recording)]

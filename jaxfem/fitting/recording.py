@@ -69,6 +69,12 @@ class Recording:
         if bad.size:
             raise FitError(f"time of row {bad[0]} is {self.times[bad[0]]}; every row needs its time in seconds")
         bad = np.flatnonzero(np.diff(self.times) <= 0)
+        same = int((np.diff(self.times) == 0).sum())
+        if same > max(5, 0.1 * len(self.times)) and same == bad.size:
+            raise FitError(
+                f"{same} rows have the time of the row before ({self.times[bad[0]]:g} s in row {bad[0] + 1}): times "
+                "are rounded, or rows are there twice; write more digits, or count rows and give their rate"
+            )
         if bad.size:
             raise FitError(
                 f"time goes from {self.times[bad[0]]:g} s to {self.times[bad[0] + 1]:g} s at row {bad[0] + 1}: times "

@@ -2,12 +2,14 @@
 
 import numpy as np
 
+from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.release import scatter
+from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 
 LATE = 3.0  # times the fall within a row; a release that lies a row before is half of it
 ALIKE = 0.2  # of a leap: how much markers may differ in it
+BACK = 0.05  # of the motion: as near as this is back where it began
 SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
 
 
@@ -60,3 +62,24 @@ def camera_faults(recording: Recording, held: bool) -> list[str]:
 def _noise(places: np.ndarray, seen: np.ndarray) -> float:
     """Scatter of a coordinate of one marker (T, 3) [m]."""
     return max(scatter(places[seen][:, axis]) for axis in range(3)) if seen.any() else 0.0
+
+
+def again_faults(recording: Recording, measured: Measurement) -> list[str]:
+    """Markers that are back where they began, and still, for longer than a swing turns there: let go twice."""
+    try:
+        found, s = find_release(recording), motion_along_shape(recording)
+    except FitError:
+        return []
+    first = int(np.searchsorted(recording.times, measured.begins[0]))
+    after = s[first : first + len(measured.times)]
+    start, far = np.nanmedian(s[: first + 1]), np.nanmax(np.abs(after - np.nanmedian(s[: first + 1])))
+    near = np.abs(after - start) < BACK * far
+    away = np.flatnonzero(np.abs(after - start) > 0.5 * far)
+    long = max(6, int(np.ceil(found.rise)))
+    for k in range(int(away[0]) if away.size else len(after), len(after) - long):
+        if near[k : k + long].all() and np.nanstd(after[k : k + long]) < BACK * far:
+            return [
+                f"the markers are back where they began, and still, at {recording.times[first + k]:g} s: the body was "
+                "held and let go again. End the recording before that (end = TIME), or make two of it"
+            ]
+    return []

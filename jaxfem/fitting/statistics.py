@@ -32,7 +32,7 @@ class Uncertainty:
     @property
     def correlation(self) -> np.ndarray:
         """Correlation (P, P)."""
-        spread = np.sqrt(np.diag(self.covariance))
+        spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))  # rounding of what samples leave open
         return np.asarray(self.covariance / np.maximum(np.outer(spread, spread), np.finfo(float).tiny))
 
     def drop(self, now: float, least: float, place: int) -> float:

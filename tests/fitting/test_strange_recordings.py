@@ -14,7 +14,7 @@ from jaxfem.fitting.measurement import measurement
 from jaxfem.fitting.recording_info import recording_text
 from jaxfem.fitting.release import found_release
 from jaxfem.fitting.repairs import repaired
-from jaxfem.fitting.start_checks import camera_faults, late_faults
+from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults
 
 NAMES = ("tip", "left", "right", "middle", "side")
 PLACES = np.array(
@@ -182,3 +182,23 @@ def test_a_clock_is_looked_at_though_its_rate_changes():
     times = np.concatenate([np.arange(80.0), 80 + 4 * np.arange(60.0)])
     recording = swing(times=0.01 * times)
     assert "swing" in pace_faults(dataclasses.replace(recording, times=times), G)[0]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_two_releases_in_one_recording_are_named(noise):
+    once = swing(noise)
+    twice = np.concatenate([once.positions, once.positions])
+    both = Recording(0.01 * np.arange(240), twice, NAMES)
+    told = again_faults(both, cut(both))
+    assert len(told) == 1 and "at 1.2 s" in told[0] and "let go again" in told[0]
+    assert (
+        again_faults(both, measurement(both, PLACES, frame="none", compare="displacement", release="auto", end=1.1))
+        == []
+    )
+    for w in (15.0, 60.0):
+        assert again_faults(swing(noise, w=w), cut(swing(noise, w=w))) == []
+
+
+def test_rounded_times_are_named():
+    with pytest.raises(FitError, match="times are rounded"):
+        swing(times=np.round(np.arange(150) / 240, 2))

@@ -212,7 +212,8 @@ def test_held_values_and_marker_places_add_what_refits_show(beam):
     change = fit_takes([off], parameters=("young", "damping"), search=QUICK).values["young"] - found.values["young"]
     assert 0.5 * abs(change) < markers.shift["young"] < 10 * abs(change) and markers.by == "1 mm each"
     along, _, up = (each.shift["young"] / 2e5 for each in contributions(found, geometry=0.01))
-    assert 0.02 < along < 0.05 and -0.04 < up < -0.01  # of slender beams it sags by L^4 / (E h^2), here less slender
+    # between beams that bend, L^4 / (E h^2), and that shear, L^2 / E; linear elements lock
+    assert 0.02 < along < 0.04 and -0.02 < up < 0
     for held, message in (({"young": 0.1}, "young was fitted"), ({"friction": 0.1}, 'no constant "friction"')):
         with pytest.raises(FitError, match=message):
             contributions(found, held)
