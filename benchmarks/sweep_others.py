@@ -1,10 +1,12 @@
-"""How do sweeps compare with MuJoCo's threaded rollout, and do two cores give twice?  python benchmarks/sweep_others.py
+"""How do sweeps compare with MuJoCo and Newton, and do two cores give twice?  python benchmarks/sweep_others.py
 
 Clamped beams of 192 tetrahedra under their weight, E over a factor of 100, let go for 0.2 s: microseconds of processor
 time a variant and step, and beside each the error of the final positions, as a share of how far that variant moved,
 from steps of 0.2 ms by generalised alpha in float64 on the same mesh; median and largest of the variants. MuJoCo, if it
 is installed: `flexcomp` with `elasticity` of the same tetrahedra, nodes of the same masses, integrator "discrete"; its
-law is another where strains are large. Two devices against one: by the clock, with the machine's load beside it.
+law is another where strains are large. Newton, if it is installed (`pip install newton`): vertex block descent of all
+variants in one model, on the CPU, with 10 and 50 iterations a step; its law is another too. Two devices against one: by
+the clock, with the machine's load beside it.
 """
 
 import os
@@ -89,6 +91,43 @@ def mujoco_run(young, dt, threads):
     return run
 
 
+def newton_run(young, dt, iterations):
+    """The same of Newton's solver for soft bodies, all variants side by side in one model."""
+    import newton
+    import warp
+
+    points, cells = np.asarray(MESH.points), np.asarray(MESH.cells)
+    builder = newton.ModelBuilder(gravity=(0.0, 0.0, -9.81))
+    for each in young:
+        builder.add_soft_mesh(
+            pos=warp.vec3(0, 0, 0),
+            rot=warp.quat_identity(),
+            scale=1.0,
+            vel=warp.vec3(0, 0, 0),
+            vertices=[warp.vec3(*point) for point in points.tolist()],
+            indices=cells.ravel().tolist(),
+            density=DENSITY,
+            k_mu=each / 2 / (1 + POISSON),
+            k_lambda=each * POISSON / (1 + POISSON) / (1 - 2 * POISSON),
+            k_damp=DAMPING,
+        )
+    for node in np.flatnonzero(np.tile(FIXED, len(young))):
+        builder.particle_mass[node] = 0.0
+    builder.color()
+    model = builder.finalize(device="cpu")
+    solver = newton.solvers.SolverVBD(model=model, iterations=iterations, particle_enable_self_contact=False)
+
+    def run():
+        now, following, control = model.state(), model.state(), model.control()
+        for _ in range(round(TIME / dt)):
+            now.clear_forces()
+            solver.step(now, following, control, None, dt)
+            now, following = following, now
+        return now.particle_q.numpy().reshape(len(young), -1, 3)
+
+    return run
+
+
 def measured(run, repeats):
     """Best processor time, best time by the clock [s], and the result."""
     made, times = run(), []
@@ -116,6 +155,11 @@ def main():
             ways[f"MuJoCo, {dt:g} s"] = mujoco_run(young, dt, 1), dt
         except ImportError:
             print("MuJoCo is not installed: left out")
+        for iterations in (10, 50):
+            try:
+                ways[f"Newton, {iterations} iterations, {dt:g} s"] = newton_run(young, dt, iterations), dt
+            except ImportError:
+                print("Newton is not installed: left out")
     figures = {"machine": describe(), "variants": count, "time": TIME, "factor_of_young": 100}
     for name, (run, dt) in ways.items():
         seconds, _, made = measured(run, repeats)

@@ -89,9 +89,11 @@ def tangent_solution(
 
 
 def unless_zero(solve: Callable[[Any, T], tuple[T, SolveInfo]], inputs: Any, right: T) -> tuple[T, SolveInfo]:
-    """`solve(inputs, right)`, (solution, info); zero without solving where `right` is zero.
+    """`solve(inputs, right)`, (solution, info), of a linear solve; zero without solving where `right` is zero.
 
     That is so for steps that what is differentiated does not depend on, and setting up a system may be half the work.
+    Derivatives come in units of their own: squares of what is small in them, as of forces per pascal, are lost in
+    single precision. So `right` is brought to a size of about 1, by a power of two, which rounds nothing.
     """
 
     def nothing(inputs: Any, right: T) -> tuple[T, SolveInfo]:
@@ -99,8 +101,16 @@ def unless_zero(solve: Callable[[Any, T], tuple[T, SolveInfo]], inputs: Any, rig
         none = jnp.int32(0)
         return jax.tree.map(jnp.zeros_like, right), SolveInfo(none, none, jnp.zeros((), dtype), none)
 
+    def sized(inputs: Any, right: T) -> tuple[T, SolveInfo]:
+        size = jnp.stack([jnp.abs(leaf).max() for leaf in jax.tree.leaves(right)]).max()
+        size = jnp.where(jnp.isfinite(size) & (size > 0), size, 1)
+        scale = jnp.ldexp(jnp.ones_like(size), -jnp.frexp(size)[1])
+        found, info = solve(inputs, jax.tree.map(lambda leaf: leaf * scale, right))
+        whole: T = jax.tree.map(lambda leaf: leaf / scale, found)
+        return whole, info
+
     some = jnp.stack([jnp.any(leaf != 0) for leaf in jax.tree.leaves(right)]).any()
-    return cond_any(some, solve, nothing, inputs, right)
+    return cond_any(some, sized, nothing, inputs, right)
 
 
 def or_nan(solution: T, info: Any) -> T:

@@ -13,8 +13,9 @@ from jaxfem.methods.base import solves_as_it_is
 from jaxfem.model import Model, Params, State
 from jaxfem.sweeping.engines.base import Engine, Kept, Task
 from jaxfem.sweeping.lanes.body import Body, body_of
-from jaxfem.sweeping.lanes.costs import deformations
+from jaxfem.sweeping.lanes.costs import costs
 from jaxfem.sweeping.lanes.derivatives import run_with_derivatives
+from jaxfem.sweeping.lanes.modes import ALL
 from jaxfem.sweeping.lanes.run import begin, frames, keep
 from jaxfem.sweeping.places import stacked
 from jaxfem.system.names import contact_name, friction_name, joint_name
@@ -56,19 +57,19 @@ class LanesLast(Engine):
         return next((words for words, so in reasons.items() if so), None)
 
     def slower(self, task: Task) -> str | None:
-        """With joints and contacts, whose active sets each lane waits for all others to find."""
-        return "is no faster with joints and contacts" if task.model.coupled else None
+        """With joints and contacts, whose active sets each lane waits for all others to find, and for large bodies."""
+        if task.model.coupled:
+            return "is no faster with joints and contacts"
+        return f"is no faster above {ALL} free directions" if 3 * int(task.model.free.sum()) > ALL else None
 
     def prepare(self, task: Task) -> Body:
         """Connectivity and modes."""
         return body_of(task.model, task.params)
 
     def costs(self, task: Task, prepared: Body, variants: Mapping[str, np.ndarray]) -> np.ndarray:
-        """How far each variant will be deformed: the further, the more iterations."""
+        """By what the modes do not know of each."""
         values = {name: stacked(each, task.model.rest.dtype) for name, each in variants.items()}
-        found = jax.jit(lambda *given: deformations(task, *given))(
-            (task.model, task.params, task.state), prepared, values
-        )
+        found = jax.jit(lambda *given: costs(task, *given))((task.model, task.params, task.state), prepared, values)
         return np.asarray(found)
 
     def make(self, task: Task) -> Callable[[Any, Any, Any], Kept]:

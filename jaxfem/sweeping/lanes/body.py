@@ -25,8 +25,9 @@ class Body(Pytree):
     `gradients` (E + 1, 4, 3, 1), `volumes` (E + 1, 1). `touch`: rows 4 e + a of the corners that meet at each node, in
     rectangles, `touch_back` (n,): where each node is in them. `around` (nf, 4): elements around each free node.
     `frequencies` (m, 1) squared and `shapes` (3 nf, m), in single precision, of the modes at rest of the `stiffness`
-    and `density` () that a lane's are compared with; `complete`: whether they are all, so that nothing is needed beside
-    them. `sure` (): true, which the compiler does not know. `loose`: which bodies nothing holds, None without such.
+    and `density` () that a lane's are compared with, and of a `bulk` () 3K / 2 mu; `complete`: whether they are all, so
+    that nothing is needed beside them. `sure` (): true, which the compiler does not know. `loose`: which bodies nothing
+    holds, None without such.
     """
 
     corners: Array
@@ -42,6 +43,7 @@ class Body(Pytree):
     shapes: Array
     stiffness: Array
     density: Array
+    bulk: Array
     sure: Array
     loose: Loose | None
     free: int = static()
@@ -101,6 +103,7 @@ def body_of(model: Model, params: Params) -> Body:
         shapes=on_device(shapes, np.float32),
         stiffness=on_device(shear, dtype),
         density=on_device(density, dtype),
+        bulk=on_device(float((volumetric * volumes).sum() / (deviatoric * volumes).sum()), dtype),
         sure=jnp.bool_(True),
         loose=loose_of(model, order),
         free=count,
