@@ -4,6 +4,7 @@ import argparse
 import csv
 import dataclasses
 import json
+import math
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -17,7 +18,7 @@ from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
 from jaxfem.declared.scene import SceneError
 from jaxfem.io.plots import PlotError, plot_work, require_matplotlib
-from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene, method_settings, read_method
+from jaxfem.io.scene_files import COMPARE_KEYS, SceneFile, SceneFileError, load_scene, method_settings, read_method
 from jaxfem.io.toml_tables import Table, is_number, read_toml
 from jaxfem.methods import METHODS, Method
 from jaxfem.solvers import describe
@@ -27,7 +28,8 @@ EXIT_FAILED = 3
 USUAL = ("corotated", "assembled", "groupwise", "mass_spring")
 FINER = 8
 """Steps of the converged run in one of the scene's."""
-KEYS = ("methods", "step_factors", "tolerances", "finer")
+LEAST = 2
+"""How many steps of the converged run the shortest step compared must hold."""
 REPEATS = 3
 
 
@@ -66,14 +68,20 @@ def add(subparsers: Any) -> None:
 
 def run(args: argparse.Namespace) -> int:
     """Compare; 0 where all solves converged, 3 otherwise."""
-    file = load_scene(args.file, also=("compare",))
+    file = load_scene(args.file)
     if file.precision == "float64":
         jax.config.update("jax_enable_x64", True)
     if not file.scene.soft:
         raise SceneFileError(f"{args.file} holds no soft body: errors are those of soft bodies' nodes")
-    table = Table(read_toml(Path(args.file)), "the top level", None).table("compare", KEYS, "[compare]")
+    table = Table(read_toml(Path(args.file)), "the top level", None).table("compare", COMPARE_KEYS, "[compare]")
     cases = list(_cases(table, file))
     finer = table.integer("finer", FINER)
+    shortest = min(factor for _, _, factor, _ in cases)
+    if finer * shortest < LEAST:
+        raise SceneFileError(
+            f"[compare] measures errors by a run of {finer} steps in one of the scene's, and takes steps of "
+            f"{shortest:g} of it: give finer = {math.ceil(LEAST / shortest)} or more, so that it is finer"
+        )
     folder = Path(args.out) if args.out else file.source.parent / f"{file.source.stem}_compared"
     lines = _compared(file, cases, finer)
     print(shown(lines))

@@ -1,7 +1,8 @@
 """Threads of the linear algebra beneath: one, for matrices as small as a step's.
 
-JAX solves small dense systems by SciPy's OpenBLAS, which hands even 33 x 33 ones to a thread a core and has them wait
-for each other by spinning: on a busy machine that took 15 ms where one thread takes .04.
+JAX factorises small dense matrices by SciPy's OpenBLAS, which hands even 33 x 33 ones to a thread a core and has them
+wait for each other by spinning: on a busy machine that took 15 ms where one thread takes .04. Preconditioners have an
+inverse of their own (`solvers/dense.py`); the direct route, groups and modes do not.
 """
 
 import os

@@ -20,10 +20,12 @@ from jaxfem.stepping.checks import MOST_HALVINGS
 
 __all__ = ["SceneFile", "SceneFileError", "load_scene"]
 
-TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output")
+TOP_KEYS = ("gravity", "time", "solver", "body", "rigid", "joint", "contact", "output", "compare")
 TIME_KEYS = ("step", "duration", "steps", "save_every", "halvings", "scheme", "mass", "rotation_update")
 SOLVER_KEYS = ("method", "tolerance", "max_iterations", "precision")
 OUTPUT_KEYS = ("folder", "points", "tensors", "fields")
+COMPARE_KEYS = ("methods", "step_factors", "tolerances", "finer")
+"""Of [compare], which `jaxfem compare` reads; all else that reads the scene leaves them alone."""
 PRECISIONS = ("float64", "float32")
 
 
@@ -100,6 +102,7 @@ def _scene_file(top: Table, source: Path, finer: bool = False) -> SceneFile:
     time, scheme = _time(top)
     solver, method = _solver(top)
     output = top.table("output", OUTPUT_KEYS, "[output]")
+    top.table("compare", COMPARE_KEYS, "[compare]")
     dt = time.number("step", unit="s", positive=True)
     points = output.table("points", None, "points of [output]")
     tolerance = solver.number("tolerance", None, positive=True)

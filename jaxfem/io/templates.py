@@ -47,6 +47,12 @@ OUTPUT: dict[str, Line] = {
     "tensors": ("true", "frames hold stress and strain as tensors"),
     "fields": ('["displacement", "von_mises"]', ""),
 }
+COMPARE: dict[str, Line] = {
+    "methods": ('["corotated", { method = "groupwise", groups = 2 }]', "settings as in [solver]"),
+    "step_factors": ("[1, 0.5]", "times the scene's step"),
+    "tolerances": ("[1e-4, 1e-8]", "each with each method and step"),
+    "finer": ("8", "steps of the converged run in one of the scene's; at least two in the shortest step"),
+}
 MESHES: dict[str, Line] = {
     "box": ("{ box = [0.2, 0.1, 0.1], cells = [2, 1, 1], tets_per_cell = 6, origin = [0, 0, 0.1] }", "m"),
     "beam": ("{ beam = [0.2, 0.1, 0.1], cells_along = 2, tets_per_cell = 6, origin = [0, 0, 0.1] }", "instead of mesh"),
@@ -100,6 +106,9 @@ def scene_template() -> str:
         *_rigid_body(),
         *_contact(),
         *_joints(),
+        "",
+        "# [compare]                     # what `jaxfem compare` runs; no other command looks at it",
+        *(line(f"# {key}", *COMPARE[key]) for key in scene_files.COMPARE_KEYS),
     ]
     return "\n".join(parts) + "\n"
 

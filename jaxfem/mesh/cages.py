@@ -4,13 +4,15 @@ What is inside is what a flood from outside does not reach through cells that no
 than a cell are no harm. Cells and triangles: separating axes (Akenine-Moeller 2001).
 """
 
+import warnings
 from typing import Any
 
 import numpy as np
 
-from .checks import Floats, Ints, MeshError, as_points, as_triangles, is_positive
+from .checks import Floats, Ints, MeshError, MeshWarning, as_points, as_triangles, is_positive
 from .generators import CUTS, box
 from .tet import TetMesh
+from .topology import first_of_each
 
 ELEMENTS = 1500
 PAIRS = 2_000_000  # of triangles and cells, looked at together
@@ -31,7 +33,8 @@ def cage(
 
     Or of about as many `elements` (1500 where neither is given; grids step, so a tenth more or less). No point of the
     surface is outside. `notes` say what the cage holds beside the surface's volume: its mass is that of all the cage.
-    MeshError for what is no surface, and for both size and elements.
+    MeshError for what is no surface, and for both size and elements; a MeshWarning where
+    holes leave it hollow.
     """
     places = as_points(points, name)
     faces = as_triangles(triangles, len(places), name)
@@ -51,12 +54,49 @@ def cage(
     chosen = whole.cells[np.repeat(kept.ravel(), tets_per_cell)]
     used, numbers = np.unique(chosen, return_inverse=True)
     mesh = TetMesh(whole.points[used], numbers.reshape(-1, 4), name)
-    inside = abs(float(np.einsum("ti,ti->", corners[:, 0], np.cross(corners[:, 1], corners[:, 2])) / 6))
-    note = (
-        f"a cage of {len(chosen)} elements, {width:.3g} m a cell, around {len(faces)} triangles: it holds "
-        f"{mesh.volume / inside:.2f} times their volume, so {inside / mesh.volume:.2f} of its density gives its mass"
-    )
-    return TetMesh(mesh.points, mesh.cells, name, notes=(*mesh.notes, note))
+    note = f"a cage of {len(chosen)} elements, {width:.3g} m a cell, around {len(faces)} triangles: it holds "
+    return TetMesh(mesh.points, mesh.cells, name, notes=(*mesh.notes, note + _held(corners, width, mesh.volume, name)))
+
+
+def _held(corners: Floats, width: float, volume: float, name: str) -> str:
+    """What a cage of `volume` [m^3] holds of the inside of triangles (t, 3, 3), in words; warns where it is hollow."""
+    caps, alike = _caps(corners)
+    closed = np.concatenate([corners, caps])
+    if len(caps):
+        origin, kept = _cells(corners, width)
+        filled = _cells(closed, width)[1]
+        filled.ravel()[_cut_cells((caps - origin) / width, np.array(kept.shape))] = False
+        if (filled & ~kept).any():
+            warnings.warn(
+                f'the surface "{name}" has holes wider than the cells of its cage ({width:.3g} m), through which the '
+                "outside reaches in: the cage is hollow. Close the surface, or take larger cells",
+                MeshWarning,
+                stacklevel=4,
+            )
+            return "a surface with holes, hollow"
+    if not alike:
+        return "triangles that are not turned alike, whose volume is not known"
+    inside = abs(float(np.einsum("ti,ti->", closed[:, 0], np.cross(closed[:, 1], closed[:, 2])) / 6))
+    return f"{volume / inside:.2f} times their volume, so {inside / volume:.2f} of its density gives its mass"
+
+
+def _caps(corners: Floats) -> tuple[Floats, bool]:
+    """Triangles (c, 3, 3) from holes' rims to their middles, and whether neighbours (t, 3, 3) are turned alike."""
+    flat = corners.reshape(-1, 3)
+    digit = 1e-9 * np.ptp(flat, axis=0).max()
+    _, first, nodes = np.unique(np.round(flat / digit), axis=0, return_index=True, return_inverse=True)
+    edges = nodes.reshape(-1, 3)[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2)
+    edges = edges[edges[:, 0] != edges[:, 1]]
+    _, number, count = np.unique(np.sort(edges, axis=1), axis=0, return_inverse=True, return_counts=True)
+    number = number.ravel()
+    way = np.bincount(number, np.where(edges[:, 0] < edges[:, 1], 1, -1))
+    rim = edges[count[number] == 1]
+    hole = first_of_each(len(first), rim)[rim[:, 0]] if len(rim) else rim[:, 0]
+    caps = np.empty((len(rim), 3, 3))
+    for each in np.unique(hole):
+        ends = flat[first[rim[hole == each]]]
+        caps[hole == each] = np.stack([ends[:, 1], ends[:, 0], np.broadcast_to(ends.mean((0, 1)), (len(ends), 3))], 1)
+    return caps, not way[count == 2].any()
 
 
 def _width(corners: Floats, wanted: float) -> float:

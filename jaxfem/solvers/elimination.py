@@ -12,10 +12,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
+from jaxfem.solvers.dense import EXACT
 from jaxfem.solvers.elimination_order import Core, EliminationOrder, Leaves, upper_pairs
 
 Array = jax.Array
-EXACT = jax.lax.Precision.HIGHEST
 
 
 class EliminationFactor(Pytree):

@@ -1,10 +1,16 @@
 """`jaxfem compare`: the same scene by several methods, each measured against a converged run."""
 
 import json
+import re
 
 import pytest
 
+from jaxfem.cli.compare import _cases
 from jaxfem.cli.main import main
+from jaxfem.io import load_scene
+from jaxfem.io.scene_files import COMPARE_KEYS, SceneFileError
+from jaxfem.io.templates import scene_template
+from jaxfem.io.toml_tables import Table, read_toml
 
 SCENE = """
 [time]
@@ -58,6 +64,8 @@ def test_what_cannot_serve_the_scene_is_left_out_by_name(tmp_path, capsys):
         ('methods = [{ method = "groupwise", groups = [2] }]', "'groups' in methods of [compare]"),
         ('methods = [{ method = "groupwise", enforce = "no" }]', "true or false"),
         ("speed = 1", "speed"),
+        ("finer = 1", "give finer = 2 or more"),
+        ("step_factors = [1, 0.125]", "give finer = 16 or more"),
     ],
 )
 def test_what_makes_no_sense_is_refused(tmp_path, capsys, line, words):
@@ -69,3 +77,16 @@ def test_errors_are_not_measured_by_a_run_that_failed(tmp_path, capsys):
     code, said = compared(tmp_path, "[solver]\nmax_iterations = 1\n[compare]\nfiner = 2\n", capsys)
     assert code == 2 and "which errors are measured by, failed: " in said.err
     assert not (tmp_path / "beam_compared").exists()
+
+
+def test_the_table_stands_in_any_scene_file_and_in_the_commented_one(tmp_path):
+    """Other commands read the same file; a misspelt key is refused by all of them."""
+    path = tmp_path / "scene.toml"
+    text = re.sub(rf"(?m)^# (\[compare\]|(?:{'|'.join(COMPARE_KEYS)}) = )", r"\1", scene_template())
+    path.write_text(text)
+    file = load_scene(path)
+    table = Table(read_toml(path), "the top level", None).table("compare", COMPARE_KEYS, "[compare]")
+    assert len(list(_cases(table, file))) == 2 * 2 * 2
+    path.write_text(text + "tolerance = 1e-3\n")
+    with pytest.raises(SceneFileError, match="tolerance"):
+        load_scene(path)

@@ -47,7 +47,7 @@ def alone(lines):
 
 def blocks(lines):
     """(first, last) of tables that are commented as a whole."""
-    starts = [n for n, line in enumerate(lines) if line.startswith("# [[")]
+    starts = [n for n, line in enumerate(lines) if line.startswith("# [")]
     ends = [next((n for n in range(start, len(lines)) if not lines[n]), len(lines)) for start in starts]
     return list(zip(starts, ends, strict=True))
 

@@ -1,5 +1,7 @@
 """Grid cells around a surface: all of it inside, nothing more than cut and inner cells, about as many as asked for."""
 
+import warnings
+
 import numpy as np
 import pytest
 
@@ -71,3 +73,20 @@ def test_what_is_no_cage_is_refused(change, words):
     points, triangles = ball(2)
     with pytest.raises(jf.MeshError, match=words):
         jf.mesh.cage(**(dict(points=points, triangles=triangles) | change))
+
+
+def test_holes_that_leave_a_cage_hollow_are_warned_of_and_volumes_are_right_or_not_told():
+    """A bowl, by cells smaller and larger than its mouth; triangles in a heap, inside out, and some of them turned."""
+    points, triangles = ball(4)
+    whole = float(jf.mesh.cage(points, triangles, size=0.15).notes[-1].split(" times")[0].split()[-1])
+    open_ = triangles[(points[triangles][:, :, 2] < 0.2).any(1)]
+    with pytest.warns(jf.MeshWarning, match=r'surface "bowl" has holes wider than the cells'):
+        assert "hollow" in jf.mesh.cage(points, open_, size=0.1, name="bowl").notes[-1]
+    heap = points[triangles].reshape(-1, 3), np.arange(3 * len(triangles)).reshape(-1, 3)
+    turned = np.where(np.arange(len(triangles))[:, None] % 2, triangles, triangles[:, ::-1])
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        for each in (heap, (points, triangles[:, ::-1]), (points, triangles[2:])):
+            note = jf.mesh.cage(*each, size=0.15).notes[-1]
+            assert abs(float(note.split(" times")[0].split()[-1]) - whole) < 0.02 * whole
+        assert "not turned alike" in jf.mesh.cage(points, turned, size=0.15).notes[-1]

@@ -1,5 +1,7 @@
 """Groups of elements with one rotation each, against dense algebra, one another, and the row form."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -167,6 +169,7 @@ def test_a_driven_end_and_two_bodies():
     "settings, words",
     [
         (dict(groups=0), "groups = 0"),
+        (dict(groups=None), "groups = None"),
         (dict(groups=10_000), "ask for fewer"),
         (dict(binding="loose"), "binding = 'loose'"),
         (dict(binding=-1.0), "at least 0 N/m"),
@@ -176,3 +179,29 @@ def test_a_driven_end_and_two_bodies():
 def test_settings_that_make_no_sense_are_refused(settings, words):
     with pytest.raises(jf.SceneError, match=f'"groupwise" .*{words}'):
         built(Groupwise(**settings))
+
+
+def test_parts_that_move_by_themselves_share_no_rotation():
+    """A part that falls past one that is held stays undeformed; one group of both would turn with them."""
+    held, free = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1)), jf.mesh.box((0.03, 0.03, 0.03), 1, origin=(0.13, 0, 0))
+    cells = np.concatenate([held.cells, free.cells + len(held.points)])
+    mesh = jf.TetMesh(np.concatenate([held.points, free.points]), cells)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of separate parts
+        body = jf.SoftBody(mesh, young=YOUNG, poisson=POISSON, density=DENSITY, fixed=mesh.points[:, 0] < 1e-9)
+        with pytest.raises(jf.SceneError, match="2 separate parts"):
+            jf.build(jf.Scene([body]), solver=Groupwise(groups=1))
+        model, params, state = jf.build(jf.Scene([body]), solver=Groupwise(size=12), tolerance=1e-12)
+    assert model.plan.count == 2
+    states, info = jf.rollout(model, params, state, DT, 20)
+    assert not info.status.any()
+    fallen = np.asarray(states.positions[-1] - model.rest)[len(held.points) :]
+    np.testing.assert_allclose(fallen, np.broadcast_to([0, 0, -9.81 * DT**2 * 210], fallen.shape), atol=1e-12)
+
+
+def test_a_binding_that_does_not_hold_is_told():
+    """k = 0 ties nothing; rounds too few for so long a step leave copies of a node metres apart."""
+    with pytest.warns(jf.AccuracyWarning, match="binding = 0 N/m ties no groups"):
+        built(Groupwise(groups=3, binding=0.0, rounds=4))
+    state, info = jf.step(*built(Groupwise(groups=3, binding=20.0, rounds=4)), dt=100.0)
+    assert float(interface_gap(state)) > 1 and "the groups came apart" in describe(info.status)

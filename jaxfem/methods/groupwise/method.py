@@ -1,5 +1,6 @@
 """The method: how groups are made and tied, exactly or by the iteration of (11) and (12)."""
 
+import warnings
 from collections.abc import Mapping
 from typing import Any, ClassVar
 
@@ -7,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.declared.errors import AccuracyWarning
 from jaxfem.materials.constants import Constant
 from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.ending import ended
@@ -33,6 +35,9 @@ BINDING = Constant(
 )
 SAFE = 0.95
 """Of the limit of the binding coefficient: what is enforced."""
+TORN = 0.1
+"""Of the scene's size: copies of a node this far apart after the rounds of a step are no node any more."""
+APART = "the groups came apart: take more rounds, a larger binding coefficient or smaller steps, or binding = exact"
 UNSTABLE = "the binding coefficient of groupwise is above its stability limit: lower it, or leave enforce on"
 
 
@@ -50,7 +55,7 @@ class Groupwise(Method):
     is then how far copies of a node are apart, as a share of their velocities.
     """
 
-    groups: int = 4
+    groups: int | None = 4
     size: int | None = None
     binding: Any = "exact"
     rounds: int = 30
@@ -60,7 +65,7 @@ class Groupwise(Method):
     def refuses(self, facts: Facts) -> str | None:
         """All but plain bodies, and settings that make no sense."""
         for what, value in (("groups", self.groups), ("size", self.size), ("rounds", self.rounds)):
-            if value is None and what != "rounds":
+            if value is None and (what == "size" or (what == "groups" and self.size is not None)):
                 continue
             if not isinstance(value, int | np.integer) or isinstance(value, bool) or value < 1:
                 return f"has {what} = {value!r}: give a whole number of at least 1"
@@ -79,6 +84,8 @@ class Groupwise(Method):
         """The groups."""
         check_linear(model)
         check_polar(model)
+        if self.binding == 0:
+            warnings.warn("binding = 0 N/m ties no groups: each moves by itself", AccuracyWarning, stacklevel=6)
         return group_plan(model, element_groups(model, self.groups, self.size))
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
@@ -104,18 +111,21 @@ class Groupwise(Method):
             unknown, info = implicit_solution(ExactCondition(), given, state.velocities)
             velocities, gap = given.system.merged(unknown), jnp.zeros((), model.rest.dtype)
         else:
-            velocities, info, gap = self._bound(given, params.constants[BINDING.name], dt)
+            velocities, info, gap = self._bound(given, params.constants[BINDING.name], dt, model.rest)
         following, told = ended(model, params, state, dt, Solved(velocities, None, info), forces=forces)
         return following.replace(memory=GroupMemory(jax.lax.stop_gradient(dt * gap))), told
 
-    def _bound(self, given: Prepared, coefficient: Array, dt: Array) -> tuple[Array, SolveInfo, Array]:
-        """Velocities (n, 3), info and gap [m/s] after the rounds, with what is above the limit lowered or told."""
+    def _bound(self, given: Prepared, coefficient: Array, dt: Array, rest: Array) -> tuple[Array, SolveInfo, Array]:
+        """Velocities (n, 3), info and gap [m/s] after the rounds, with what is above the limit lowered or told; also
+        told where copies of a node end far apart, by the size of the scene at `rest` (n, 3)."""
         limit = given.matrices.limit_at(dt)
         used = jnp.minimum(coefficient, SAFE * limit) if self.enforce else coefficient
         velocities, info, gap = bound_solution(given, used, self.rounds, dt)
+        torn = dt * gap > TORN * jnp.max(jnp.ptp(rest, axis=0))
+        status = jnp.where(torn, caused(Status.ITERATION_LIMIT, APART), info.status)
         if not self.enforce:
-            status = jnp.where(coefficient > limit, caused(Status.INVALID_VALUE, UNSTABLE), info.status)
-            info = info.replace(status=status.astype(jnp.int32))
+            status = jnp.where(coefficient > limit, caused(Status.INVALID_VALUE, UNSTABLE), status)
+        info = info.replace(status=status.astype(jnp.int32))
         return velocities, info, gap
 
 

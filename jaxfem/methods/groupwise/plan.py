@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.mesh.partition import partition
+from jaxfem.mesh.partition import partition, separate
 from jaxfem.methods.base import CannotServe
 from jaxfem.model import Model
 from jaxfem.pytrees import Pytree, on_device
@@ -53,14 +53,17 @@ class Groups(Pytree):
 
 def element_groups(model: Model, groups: int | None, size: int | None) -> np.ndarray:
     """Group (E,) of each element: `groups` a body, or as many as keep each to `size` elements. CannotServe."""
-    places = np.asarray(model.rest, float)[np.asarray(model.elements.cells)].mean(1)
+    cells = np.asarray(model.elements.cells)
+    places = np.asarray(model.rest, float)[cells].mean(1)
     body, label, first = np.asarray(model.elements.body), np.zeros(len(places), np.int64), 0
     for number, name in enumerate(model.bodies):
         own = np.flatnonzero(body == number)
-        count = groups if size is None else -(-len(own) // size)
-        if count is None or count > len(own):
-            raise CannotServe(f'is to cut "{name}" into {count} groups, but it has {len(own)} elements: ask for fewer')
-        label[own] = first + partition(places[own], count)
+        parts = separate(cells[own])
+        count = (groups or 0) if size is None else sum(-(-len(part) // size) for part in parts)
+        try:
+            label[own] = first + partition(places[own], cells[own], count)
+        except ValueError as problem:
+            raise CannotServe(f'is to cut "{name}" into {count} groups, but {problem}') from None
         first += count
     return label
 

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.stiff import with_clusters
+from jaxfem.solvers.dense import dense_inverse
 from jaxfem.tensors import determinant, inverse_blocks, matrix_of
 
 Array = jax.Array
@@ -73,8 +74,7 @@ def inverse_of_coarse(coarse: Array) -> Array:
     scale = jnp.where(diagonal > 0, diagonal, 1) ** -0.5
     shift = 30 * jnp.finfo(coarse.dtype).eps
     scaled = coarse * scale[:, None] * scale + jnp.diag(jnp.where(diagonal > 0, shift, 1))
-    factor = jax.scipy.linalg.cho_factor(scaled)
-    inverse = jax.scipy.linalg.cho_solve(factor, jnp.eye(coarse.shape[0], dtype=coarse.dtype)) * scale[:, None] * scale
+    inverse = dense_inverse(scaled) * scale[:, None] * scale
     return jnp.where(jnp.isfinite(inverse).all(), inverse, 0.0)
 
 

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.points import PointRows
+from jaxfem.solvers.dense import dense_inverse
 from jaxfem.tensors import inverse_blocks
 
 Array = jax.Array
@@ -84,8 +85,7 @@ def _with_rows(
     """Woodbury: B - B J' (J B J' + 1/k)^-1 J B with B `simple`; scaled by sqrt(k), so that k may be zero."""
     roots = [jnp.sqrt(kind.stiffness) for kind in kinds]
     matrix = _row_matrix(inverse, kinds, roots)
-    factor = jax.scipy.linalg.cho_factor(matrix + jnp.eye(matrix.shape[0], dtype=matrix.dtype))
-    middle = jax.scipy.linalg.cho_solve(factor, jnp.eye(matrix.shape[0], dtype=matrix.dtype))
+    middle = dense_inverse(matrix + jnp.eye(matrix.shape[0], dtype=matrix.dtype))
     sizes = [root.size for root in roots]
 
     def apply(residual: Array) -> Array:

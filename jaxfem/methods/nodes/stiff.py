@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.nodes.factors import Factor
+from jaxfem.solvers.dense import dense_inverse
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
@@ -26,8 +27,7 @@ def with_clusters(precondition: Operator, factor: Factor, blocks: Array, modes: 
     means = jnp.zeros((clusters.count, on_modes.shape[1]), dtype)
     means = means.at[clusters.owner].add(clusters.shares[:, None] * on_modes)
     compliance = jnp.diag(1 / shared.weight) + shared.schur(blocks) + means @ inverse @ means.T
-    root = jax.scipy.linalg.cho_factor(compliance)
-    stiffness = jax.scipy.linalg.cho_solve(root, jnp.eye(clusters.count, dtype=dtype))
+    stiffness = dense_inverse(compliance)
     stiffness = jnp.where(jnp.isfinite(stiffness).all(), stiffness, 0.0)
 
     def apply(residual: Array) -> Array:
