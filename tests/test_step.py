@@ -131,10 +131,8 @@ def test_a_step_never_leaves_the_device(strain):
 def test_rollout_saves_every_kth_state_and_checkpoints_agree():
     model, params, state = scenes.beam((2, 1, 1))
     everything, info = jf.rollout(model, params, state, 1e-2, 12)
-    third, coarse = jf.rollout(model, params, state, 1e-2, 12, every=3)
-    blocks, _ = jf.rollout(model, params, state, 1e-2, 12, every=3, checkpoint=6)
+    third, coarse = jf.rollout(model, params, state, 1e-2, 12, every=3, checkpoint=6)
     np.testing.assert_allclose(third.positions, everything.positions[2::3], atol=1e-15)
-    np.testing.assert_allclose(blocks.positions, third.positions, atol=1e-15)
     np.testing.assert_array_equal(coarse.iterations, info.iterations.reshape(4, 3).max(1))
 
     def loss(young, checkpoint):

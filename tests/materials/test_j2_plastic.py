@@ -69,17 +69,25 @@ def test_a_bar_pulled_and_pressed_follows_the_uniaxial_cycle():
     np.testing.assert_allclose(found, by_hand(strains), atol=1e-9 * YIELD)
 
 
+BAR = jf.mesh.box((0.2, 0.1, 0.1), (2, 1, 1))
+
+
+def bar(traction, tolerance, **settings):
+    """A bar that is pulled at both ends, without weight; one program steps it, however it is held."""
+    loads = [jf.Traction("x+", (traction, 0.0, 0.0)), jf.Traction("x-", (-traction, 0.0, 0.0))]
+    body = jf.SoftBody(BAR, material=STEEL, density=1e3, loads=loads, **settings)
+    return jf.build(jf.Scene([body], gravity=(0, 0, 0)), tolerance=tolerance)
+
+
 @pytest.mark.parametrize("strain", ["element", pytest.param("smoothed", marks=pytest.mark.slow)])
 def test_steps_pull_a_bar_beyond_yield_and_let_it_go(strain):
     """By the stresses of the hand calculation: its strains come out, on any kind of domains; what flows is counted."""
-    mesh = jf.mesh.box((0.2, 0.1, 0.1), (2, 1, 1))
-    loads = [jf.Traction("x+", (1.0, 0, 0)), jf.Traction("x-", (-1.0, 0, 0))]
-    body = jf.SoftBody(mesh, material=STEEL, density=1e3, strain=strain, loads=loads, fixed=[0])
-    model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)), tolerance=1e-10)
+    model, params, state = bar(1.0, tolerance=1e-10, strain=strain, fixed=[0])
     strains, found, flowed = np.array([1.5e-3, 4e-3, 6e-3, 4.5e-3, 7e-3]), [], []
+    still = jnp.zeros_like(model.rest)  # so that the program is that of the test of Newton's loop
     for stress in by_hand(strains):
         pull = tuple(stress * jnp.array([side, 0.0, 0.0]) for side in (1, -1))
-        state, info = jf.step(model, params.replace(loads=pull), state, STILL)
+        state, info = jf.step(model, params.replace(loads=pull), state, STILL, forces=still)
         assert int(info.status) == 0
         flowed.append(int(info.counts["flowing"]))
         found.append(float(jnp.ptp(state.positions[:, 0])) / 0.2 - 1)
@@ -175,10 +183,8 @@ def total(model, params, internal, positions):
 @pytest.mark.slow
 def test_the_loop_converges_quadratically_where_it_yields():
     """Newton's method with the step's own matrix, from elastic to half plastic; and the step comes to the same."""
-    mesh = jf.mesh.box((0.2, 0.1, 0.1), (2, 1, 1))
-    body = jf.SoftBody(mesh, material=STEEL, density=1e3, strain="smoothed", fixed="x-")
-    model, params, state = jf.build(jf.Scene([body], gravity=(0, 0, 0)), tolerance=1e-12)
-    pull = jnp.zeros_like(model.rest).at[jnp.asarray(mesh.nodes("x+")), 2].set(-1.5)
+    model, params, state = bar(0.0, tolerance=1e-12, strain="smoothed", fixed="x-")
+    pull = jnp.zeros_like(model.rest).at[jnp.asarray(BAR.nodes("x+")), 2].set(-1.5)
     free = jnp.flatnonzero(jnp.repeat(model.free, 3))
 
     @jax.jit
@@ -202,6 +208,6 @@ def test_the_loop_converges_quadratically_where_it_yields():
     left = np.array(left) / left[0]
     k = np.flatnonzero(left < 1e-5)[0]
     assert k < 8 and left[k] < 30 * left[k - 1] ** 1.7, left  # digits near double each time
-    end, info = jf.step(model, params, state, 1.0, forces=pull)
+    end, info = jf.step(model, params, state, STILL, forces=pull)
     assert int(info.status) == 0 and 0 < int(info.counts["flowing"])
     np.testing.assert_allclose(end.velocities, v, atol=1e-9 * float(jnp.abs(v).max()))
