@@ -2,8 +2,9 @@
 
 Some of the nastiest scenes, each a scalar of one number: forward derivative, reverse derivative, and central
 differences of several sizes in double precision. "right": it is that of the differences to 1e-6; "as near as
-differences settle": to twice that to which three sizes in a row agree, which rounding makes more. Else `info` must
-say so ("flagged: ..."), as where that from above is another than that from below; or "SILENT".
+differences settle": to twice that to which three sizes in a row agree, which rounding makes more; where none agree to
+1 %, forwards and backwards can only be compared with each other. Else `info` must say so ("flagged: ..."), as where
+that from above is another than that from below; or "SILENT".
 Results: hard_gradients.json; the table is in docs/derivatives.md.
 """
 
@@ -90,6 +91,8 @@ def outcome(line: dict[str, Any]) -> str:
         return f"flagged: info.weakly_active = {line['weakly_active']}"
     if not np.isfinite(line["derivative"]):
         return "flagged: not finite"
+    if line["spread"] > KINK and line["reverse_off"] <= NEAR:
+        return "forwards as backwards; differences do not settle"
     if sides > KINK:
         return "SILENT: other from above than from below"
     return "as near as differences settle" if off <= 2 * line["spread"] else "SILENT"

@@ -3,7 +3,8 @@
 Clamped beams of 192, 576 and 2304 tetrahedra under their weight, E over a factor of 100 (the softest hang straight
 down), 20 steps of 10 ms, 64 variants: scene-steps a second and core of each engine, in processor time of one thread, in
 float32 and float64. Error: largest difference of a final position from `jf.rollout` in float64 at tolerance 1e-11, as a
-share of how far that variant moved, over 8 of them. `unbatched`: calls of a compiled `jf.rollout`, one after another.
+share of how far that variant moved, over 8 of them. `unbatched`: calls of a compiled `jf.rollout`, one after another;
+`mixed`: lanes in chance order, which `lanes` sorts by what they cost.
 """
 
 import os
@@ -57,14 +58,15 @@ def unbatched(parts, young):
     return run
 
 
-def engine(parts, young, name):
-    outputs = {"end": lambda run: run.last.positions}
-    made = sweeping.Sweep(*parts, {"young": young}, dt=DT, steps=STEPS, every=STEPS, outputs=outputs, engine=name)
+def engine(parts, young, name, order=None):
+    options = {"outputs": {"end": lambda run: run.last.positions}, "engine": name, "order": order}
+    made = sweeping.Sweep(*parts, {"young": young}, dt=DT, steps=STEPS, every=STEPS, **options)
 
     def run():
         found = [made.run(chunk) for chunk in range(made.chunks)]
         assert not np.concatenate([told["status"] for _, told in found]).any()
-        return np.concatenate([outputs["end"] for outputs, _ in found])
+        back = np.argsort(np.concatenate([made.members(chunk) for chunk in range(made.chunks)]))
+        return np.concatenate([outputs["end"] for outputs, _ in found])[back]
 
     return run
 
@@ -75,7 +77,10 @@ def compared(size, bits, young, exact, moved, repeats) -> dict:
     ways = {"unbatched": (unbatched(parts, some), len(some), slice(None))}
     ways["loop"] = engine(parts, some, "loop"), len(some), slice(None)
     ways["vmap"] = engine(parts, some, "vmap"), len(some), slice(None)
-    ways["lanes"] = engine(parts, young, "lanes"), len(young), slice(None, None, len(young) // FEW)
+    spread = slice(None, None, len(young) // FEW)
+    ways["lanes"] = engine(parts, young, "lanes"), len(young), spread
+    mixed = np.random.default_rng(0).permutation(len(young))
+    ways["mixed"] = engine(parts, young, "lanes", mixed), len(young), spread
     figures = {}
     for name, (run, count, shown) in ways.items():
         seconds, made = measured(run, repeats)

@@ -40,7 +40,8 @@ def ours(young, dt, dtype, engine, devices=1, **scheme):
     def run():
         found = [made.run(chunk) for chunk in range(made.chunks)]
         assert not np.concatenate([told["status"] for _, told in found]).any()
-        return np.concatenate([outputs["end"] for outputs, _ in found])
+        back = np.argsort(np.concatenate([made.members(chunk) for chunk in range(made.chunks)]))
+        return np.concatenate([outputs["end"] for outputs, _ in found])[back]
 
     return run
 

@@ -125,7 +125,8 @@ class Model(Shaped):
     `laws`: the material law of each body, in the order of `bodies`. `islands` (b,): a number that rigid bodies share
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
     holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it. `more_constants`: those beside
-    the laws' and density, such as mass-proportional damping, of scenes or methods that have them.
+    the laws' and density, such as mass-proportional damping, of scenes or methods that have them. `load_units`: of the
+    values in `params.loads`.
     """
 
     rest: Array
@@ -158,6 +159,7 @@ class Model(Shaped):
     laws: tuple[Material, ...] = static(default=())
     more_constants: tuple[Constant, ...] = static(default=())
     reshaped: bool = static(default=False)
+    load_units: tuple[str, ...] = static(default=())
 
     @property
     def constants(self) -> dict[str, Constant]:
@@ -238,6 +240,17 @@ def element_stiffness(model: Model, params: Params) -> tuple[Array, Array]:
         own = other.stiffness(values)
         volumetric, deviatoric = jnp.where(its, own[0], volumetric), jnp.where(its, own[1], deviatoric)
     return volumetric, deviatoric
+
+
+def element_damping(model: Model, params: Params) -> Array:
+    """Damping of the elements by their laws, () or (E,) [s]."""
+    values = element_constants(model, params)
+    law, *others = dict.fromkeys(model.laws)
+    found = jnp.asarray(law.damping(values))
+    for other in others:
+        its = jnp.array([each == other for each in model.laws])[model.elements.body]
+        found = jnp.where(its, other.damping(values), found)
+    return found
 
 
 def nodal_stiffness(model: Model, params: Params) -> Array:

@@ -19,6 +19,7 @@ from jaxfem.solvers.newton import Evaluation, Operator, minimize_newton
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, typed
 from jaxfem.stepping.values import judged, value_status
+from jaxfem.system.carry import without_carry
 from jaxfem.system.memory import memory_at
 from jaxfem.system.soft import elastic_rounding, external_force
 from jaxfem.tensors import array_of
@@ -104,7 +105,7 @@ def _equilibrium(model: Model, params: Params, state: State, forces: Array | Non
     guess = jax.lax.stop_gradient(state.positions)
     unknown, info = implicit_solution(_Equilibrium(symmetric), inputs, guess)
     positions = jnp.where(model.free[:, None] > 0, unknown, state.positions)
-    rest = state.replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)
+    rest = without_carry(state).replace(positions=positions, velocities=jnp.zeros_like(positions), accelerations=None)
     if model.has_memory:
         rest = rest.replace(internal=memory_at(model, params, positions, at_once=False))
     inverted = inverted_elements(model, positions)

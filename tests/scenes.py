@@ -32,6 +32,12 @@ def rolled(model, params, state, dt, steps, chunk=CHUNK):
     return jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
 
 
+def rolled_fast(model, params, state, dt, steps, every):
+    """What `jf.rollout` gives, by code that runs a few times as fast as that of other tests, and compiles slower."""
+    program = jax.jit(lambda *scene: jf.rollout(*scene, dt, steps, every=every)).lower(model, params, state)
+    return program.compile(compiler_options={"xla_backend_optimization_level": 2})(model, params, state)
+
+
 def outside(name: str) -> dict[str, Any]:
     """Values that others computed, from tests/references; each entry says what it is about."""
     return json.loads((pathlib.Path(__file__).parent / "references" / f"{name}.json").read_text())

@@ -26,6 +26,8 @@ LINE |= {"weakly_active": 0, "derivative": 1.0}
         ({"below": 0.0}, "SILENT: other from above than from below"),
         ({"below": 0.0, "weakly_active": 2}, "flagged: info.weakly_active = 2"),
         ({"off": 1e-3, "status": [0, 7]}, "flagged: status 7"),
+        ({"off": 1.0, "below": 0.5, "spread": 0.5}, "forwards as backwards; differences do not settle"),
+        ({"off": 3.0, "spread": 0.5, "reverse_off": 0.1}, "SILENT"),
     ],
 )
 def test_how_a_line_is_judged(change, outcome):

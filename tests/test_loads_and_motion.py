@@ -1,11 +1,11 @@
 """Declared loads and prescribed motion: resultants, work, and what nodes do."""
 
-import derivatives
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
+from derivatives import Parted
 
 import jaxfem as jf
 from jaxfem.loads import load_force
@@ -103,15 +103,14 @@ def test_derivative_in_a_motion_and_in_a_load():
     )
     model, params, state = jf.build(jf.Scene([body]), tolerance=1e-13)
 
+    @Parted
     def loss(h):
         (old,) = params.motions
         own = params.replace(motions=(old.replace(frequency=old.frequency + h),), loads=(params.loads[0] + 100 * h,))
         return 1e3 * jnp.sum(jf.rollout(model, own, state, 1e-2, 5)[0].positions[-1] ** 2)
 
-    everything = jax.jit(lambda h: derivatives.with_slopes(loss, h, direction=(jnp.ones(()),)))
-    zero = jnp.zeros(())
-    _, forward, (backward,) = everything(zero)
-    central = (everything(zero + 1e-5)[0] - everything(zero - 1e-5)[0]) / 2e-5
+    forward, (backward,) = loss.forwards(0.0, direction=(1.0,)), loss.backwards(0.0)
+    central = (loss(1e-5) - loss(-1e-5)) / 2e-5
     np.testing.assert_allclose(forward, backward, rtol=1e-10)
     np.testing.assert_allclose(forward, central, rtol=1e-6)
 

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from derivatives import Parted
 
 import jaxfem as jf
 from jaxfem.model import nodal_mass
@@ -111,14 +112,15 @@ def test_derivatives_pass_through_the_correction():
     state = spinning(flattened(state))
     weights = jnp.arange(state.positions.size).reshape(state.positions.shape) ** 2.0
 
+    @Parted
     def end(young):
         found, _ = jf.step(model, params.replace(young=young), state, DT)
         return jnp.sum(found.velocities * weights)
 
     young, step = 1e5, 1e2
     wanted = (end(young + step) - end(young - step)) / (2 * step)
-    assert float(jax.grad(end)(young)) == pytest.approx(float(wanted), rel=1e-5)
-    assert float(jax.jvp(end, (young,), (1.0,))[1]) == pytest.approx(float(wanted), rel=1e-5)
+    assert float(*end.backwards(young)) == pytest.approx(float(wanted), rel=1e-5)
+    assert float(end.forwards(young, direction=(1.0,))) == pytest.approx(float(wanted), rel=1e-5)
 
 
 def test_derivatives_pass_through_the_places_that_it_corrects():
@@ -127,15 +129,15 @@ def test_derivatives_pass_through_the_places_that_it_corrects():
     state = spinning(flattened(state))
     weights = jnp.arange(state.positions.size).reshape(state.positions.shape) ** 2.0
 
-    @jax.jit
+    @Parted
     def end(scale):
         states, _ = jf.rollout(model, params, state.replace(velocities=scale * state.velocities), 5e-3, 3)
         return jnp.sum(states.positions[-1] * weights)
 
     step = 1e-4
     wanted = (end(1 + step) - end(1 - step)) / (2 * step)
-    assert float(jax.grad(end)(1.0)) == pytest.approx(float(wanted), rel=1e-6)
-    assert float(jax.jvp(end, (1.0,), (1.0,))[1]) == pytest.approx(float(wanted), rel=1e-6)
+    assert float(*end.backwards(1.0)) == pytest.approx(float(wanted), rel=1e-6)
+    assert float(end.forwards(1.0, direction=(1.0,))) == pytest.approx(float(wanted), rel=1e-6)
 
 
 @pytest.mark.parametrize(("speed", "most"), [(2.0, 1.002), (5.0, 1.01)])

@@ -4,6 +4,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from derivatives import Parted
 
 import jaxfem as jf
 from jaxfem.fitting.markers import attach, marker_positions
@@ -66,15 +67,14 @@ def test_gradient_of_a_compliance_is_that_of_differences(strain):
         UNEVEN, young=3e5, poisson=0.3, density=900.0, fixed="x-", strain=strain, loads=[jf.Traction("x+", (0, 0, -40))]
     )
     model, params, state = jf.build(jf.Scene([body]), tolerance=1e-13)
-    of, rest = compliance(model, params, state), model.rest
-    slope = jax.jit(jax.grad(of))(rest)
+    of, rest = Parted(compliance(model, params, state)), model.rest
+    (slope,) = of.backwards(rest)
     way = jnp.asarray(RNG.standard_normal(rest.shape))
     h = 2e-6
     difference = (of(rest + h * way) - of(rest - h * way)) / (2 * h)
     assert abs(jnp.vdot(slope, way) / difference - 1) < 1e-6
     assert jnp.abs(slope).max() > 1e-3
-    _, forward = jax.jvp(of, (rest,), (way,))
-    assert abs(forward / difference - 1) < 1e-6
+    assert abs(of.forwards(rest, direction=(way,)) / difference - 1) < 1e-6
 
 
 @pytest.mark.slow
@@ -84,13 +84,14 @@ def test_gradient_of_a_bounce_is_that_of_differences():
     scene = jf.Scene([body], contacts=[jf.Contact(body, jf.Plane((0, 0, 0)), friction=0.3)])
     model, params, state = jf.build(scene, tolerance=1e-13)
 
+    @Parted
     def after(rest):
         shaped = jf.rebuild(model, rest)
         states, _ = jf.rollout(shaped, params, state.replace(positions=rest), 2e-3, 12)
         return jnp.vdot(states.velocities[-1][:, 2], shaped.nodal_volumes)
 
     way = jnp.asarray(RNG.standard_normal(model.rest.shape))
-    slope = jax.grad(after)(model.rest)
+    (slope,) = after.backwards(model.rest)
     h = 1e-7
     difference = (after(model.rest + h * way) - after(model.rest - h * way)) / (2 * h)
     assert abs(jnp.vdot(slope, way) / difference - 1) < 1e-6

@@ -1,11 +1,11 @@
 """Derivatives of steps and rollouts: against differences, of second order, at nasty points, unconverged ones."""
 
-import derivatives
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 import scenes
+from derivatives import Parted
 
 import jaxfem as jf
 from jaxfem.methods.ending import inverted_elements
@@ -31,7 +31,7 @@ def rollout_loss():
 
     values = {k: getattr(params, k) for k in GROUPS[:5]}
     values |= {"positions": state.positions, "velocities": state.velocities}
-    return jax.jit(lambda values, tangent: derivatives.with_slopes(loss, values, direction=(tangent,))), values
+    return Parted(loss), values
 
 
 @pytest.fixture(scope="module")
@@ -43,14 +43,14 @@ def directions(rollout_loss):
 @pytest.mark.parametrize("group", GROUPS)
 def test_gradient_of_fifty_steps(rollout_loss, directions, group):
     """jvp = vjp = central differences (Richardson-extrapolated) to 1e-6, in every float a rollout depends on."""
-    everything, values = rollout_loss
+    loss, values = rollout_loss
     direction = directions[group]
     only = {k: jnp.asarray(direction if k == group else np.zeros(np.shape(v))) for k, v in values.items()}
-    _, forward, (gradient,) = everything(values, only)
+    forward, (gradient,) = loss.forwards(values, direction=(only,)), loss.backwards(values)
     backward = float(jnp.vdot(gradient[group], direction))
 
     def difference(h):
-        ends = [everything({**values, group: values[group] + s * h * direction}, only)[0] for s in (1, -1)]
+        ends = [loss({**values, group: values[group] + s * h * direction}) for s in (1, -1)]
         return float(ends[0] - ends[1]) / (2 * h)
 
     h = 2e-4
@@ -68,14 +68,14 @@ def test_gradient_at_a_nasty_point(solver):
     bad = state.positions.at[tip].add(jnp.array([-0.08, -0.01, -0.005]))
     direction = jnp.asarray(RNG.standard_normal(bad.shape))
 
+    @Parted
     def loss(s):
         after, _ = jf.step(model, params, state.replace(positions=bad + s * direction), 1e-3)
         return jnp.sum(after.velocities**2)
 
-    everything = jax.jit(lambda s: derivatives.with_slopes(loss, s, direction=(1.0,)))
     assert inverted_elements(model, bad) > 0
-    _, forward, (backward,) = everything(0.0)
-    central = (everything(1e-7)[0] - everything(-1e-7)[0]) / 2e-7
+    forward, (backward,) = loss.forwards(0.0, direction=(1.0,)), loss.backwards(0.0)
+    central = (loss(1e-7) - loss(-1e-7)) / 2e-7
     np.testing.assert_allclose(forward, backward, rtol=1e-9)
     np.testing.assert_allclose(forward, central, rtol=1e-6)
 

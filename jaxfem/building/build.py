@@ -13,6 +13,7 @@ import numpy as np
 from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_method
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
+from jaxfem.building.far import warn_of_far
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_answers, check_body, check_laws, more_constants
 from jaxfem.building.unused import warn_of_unused
@@ -90,10 +91,12 @@ def build(
     state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
     warn_of_unused(scene, every, model, params)
+    warn_of_far(scene.bodies, every, dtype)
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    state = state.replace(carry=first_carry(state))
+    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    state = state.replace(carry=first_carry(state, points))
     return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
 
 
@@ -172,6 +175,7 @@ def _model(
         bodies=tuple(names),
         laws=tuple(body.made_of.law for body in bodies),
         more_constants=more_constants(bodies),
+        load_units=tuple(load.unit for b in bodies for load in b.loads),
     )
 
 

@@ -9,7 +9,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.curves import curves_on_shapes
-from jaxfem.building.faces import faces_on_shape
+from jaxfem.building.faces import edges_on_surfaces, faces_on_shape
 from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
@@ -157,6 +157,7 @@ MAKERS: tuple[Callable[[Meeting], Iterator[Any]], ...] = (
     points_back_on_shape,
     curves_on_shapes,
     faces_on_shape,
+    edges_on_surfaces,
 )
 """What makes candidates of two partners, in the order of a group's entries; each yields none where it has no part."""
 

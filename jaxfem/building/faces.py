@@ -1,4 +1,5 @@
-"""Faces of soft bodies against shapes that nodes alone would miss: triangles, and the shape's own points on them."""
+"""What nodes of soft bodies alone would miss: their triangles against shapes, with the shape's own points on them; and
+points of edges between nodes, against soft bodies."""
 
 from collections.abc import Iterator
 from typing import Any
@@ -7,12 +8,15 @@ import numpy as np
 
 from jaxfem.building.meetings import Meeting, repeated
 from jaxfem.rigid.shapes import Shape
-from jaxfem.rows.attachments import RigidPoint, WorldPoint
+from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
+from jaxfem.rows.between_nodes import BetweenNodes, PatchEdges
 from jaxfem.rows.contact import SurfaceContacts
 from jaxfem.rows.faces import MOST_FACES, FaceContacts
 
 AROUND_RIM = 8
 """Points of a rim that touch a soft body's surface."""
+APART, MOST_PARTS = 0.5, 6
+"""Of the other body's thickness: how far apart points of an edge are; and parts that an edge has at most."""
 
 
 def faces_on_shape(meeting: Meeting) -> Iterator[Any]:
@@ -68,3 +72,54 @@ def _other_points(shape: Shape, ground: bool) -> np.ndarray:
         places, radius = shape.features()
         found.append(places[radius == 0])
     return np.concatenate(found)
+
+
+def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
+    """Points between the nodes of two soft bodies' edges, each against the other's surface.
+
+    Where the contact says so, or where it does not and one may slip between the nodes of the other. Two patches of a
+    body that touches itself: where the contact says so.
+    """
+    a, b, wanted = meeting.a, meeting.b, meeting.contact.faces
+    if b is None or {a.kind, b.kind} != {"soft"}:
+        return
+    if a == b and wanted:
+        patches = meeting.patches()
+        for (_, triangles), (_, own) in zip(patches, patches[::-1], strict=True):
+            found = _between_nodes(meeting, own, np.inf, True)
+            yield PatchEdges(**_against(meeting, found, triangles), deep=np.full(len(found.nodes), 2 * meeting.margin))
+    if a == b or meeting.chosen or wanted is False:
+        return
+    for one, other in ((a, b), (b, a)):
+        thickness = _thickness(meeting.bodies.soft[other.number].mesh.points)
+        found = _between_nodes(meeting, meeting.surface(one), thickness, bool(wanted))
+        if len(found.nodes):
+            yield BetweenNodes(**_against(meeting, found, meeting.surface(other)))
+
+
+def _against(meeting: Meeting, points: SoftPoint, triangles: np.ndarray) -> dict[str, Any]:
+    """Fields of candidates of points (k) against triangles (t, 3)."""
+    count = len(points.nodes)
+    each = np.broadcast_to(triangles, (count, *triangles.shape))
+    return {"points": points, "triangles": each, "margin": np.full(count, meeting.margin), "rough": meeting.rough}
+
+
+def _between_nodes(meeting: Meeting, triangles: np.ndarray, thickness: float, wanted: bool) -> SoftPoint:
+    """Points of the triangles' edges, as far apart as is near enough for what is so thick; none where the corners will
+    do, unless they are `wanted`."""
+    places = np.concatenate([body.mesh.points for body in meeting.bodies.soft])
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1), axis=0)
+    length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
+    if not (wanted or length.max() > thickness):
+        edges, length = edges[:0], length[:0]
+    parts = np.clip(np.ceil(length / (APART * thickness)), 2 if wanted else 1, MOST_PARTS).astype(int)
+    owner = np.repeat(np.arange(len(edges)), parts - 1)
+    number = np.concatenate([np.zeros(0, int), *(np.arange(1, count) for count in parts)])
+    share = number / parts[owner]
+    return SoftPoint(edges[owner].astype(np.int32), np.stack([1 - share, share], 1))
+
+
+def _thickness(points: np.ndarray) -> float:
+    """The least extent [m] of a body, along the axes or along its own."""
+    own = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
+    return float(min(np.ptp(points, axis=0).min(), np.ptp(points @ own.T, axis=0).min()))

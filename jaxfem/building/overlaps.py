@@ -8,6 +8,7 @@ import jax
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
+from jaxfem.building.enclosed import enclosed_depth
 from jaxfem.building.soft import AccuracyWarning
 from jaxfem.declared import Contact
 from jaxfem.model import Model, State
@@ -26,13 +27,18 @@ def warn_of_overlaps(contacts: Sequence[Contact], index: BodyIndex, model: Model
     """Warn of each contact whose partners are inside each other at the start; host side."""
     gaps = jax.jit(_gaps)(model.contacts, state.replace(memory=None))
     deepest: dict[str, tuple[float, float]] = {}
+    known: dict[str, tuple[float, float]] = {}
     for label, group in model.contacts.items():
-        gap, speed = np.asarray(gaps[label]), np.asarray(values[label].separation)
+        gap, speeds = np.asarray(gaps[label]), np.asarray(values[label].separation)
+        known |= zip(group.names, zip(np.asarray(group.margin).tolist(), speeds.tolist(), strict=True), strict=True)
         for place in np.flatnonzero(gap < -NOTICED * np.asarray(group.margin)):
             name = group.names[place]
-            deepest[name] = min(deepest.get(name, (0.0, 0.0)), (float(gap[place]), float(speed[place])))
+            deepest[name] = min(deepest.get(name, (0.0, 0.0)), (float(gap[place]), float(speeds[place])))
     for number, contact in enumerate(contacts):
         name = contact.name or str(number)
+        margin, speed = known[name]
+        if name not in deepest and (depth := enclosed_depth(contact, index)) > NOTICED * margin:
+            deepest[name] = -depth, speed
         if name in deepest:
             depth, most = deepest[name]
             what = f'contact "{name}"' if contact.name else f"contact {name}"

@@ -5,10 +5,12 @@ import csv
 import json
 import sys
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import jax
+import numpy as np
 
 from jaxfem.cli.fit_field import field_of, write_field
 from jaxfem.cli.messages import warning
@@ -31,7 +33,7 @@ from jaxfem.io.fit_json import as_json
 from jaxfem.io.fit_plots import plot_fit, plot_loss
 from jaxfem.io.fit_report import write_report
 from jaxfem.io.plots import PlotError, require_matplotlib
-from jaxfem.io.scene_files import SceneFileError, load_scene
+from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 
 EXIT_INTERRUPTED = 130
 EVERY = 10.0  # s between lines of progress in a file
@@ -51,7 +53,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument(
         "--profiles",
         action="store_true",
-        help="profiles, and what held values add, in the page",
+        help="profiles, and what held values, places and sizes add, in the page",
     )
     parser.add_argument(
         "--refine",
@@ -101,7 +103,7 @@ def fitted(
     if draws is not None and result.status != "interrupted":
         result = sample(result, draws, seed=file.settings["seed"])
     written = write_results(folder, result, plots)
-    after = _after(result) if profiles else []
+    after = _after(result, takes) if profiles else []
     if file.field:
         path, part = write_field(folder, field_of(file, result, takes), takes[0].model)
         written, after = [*written, path], [*after, part]
@@ -112,10 +114,15 @@ def fitted(
     return result, written
 
 
-def _after(result: FitResult) -> list[str]:
-    """Parts of the page that simulate further: profiles, Type B of 1 % in the density and 1 mm in marker places."""
+def _after(result: FitResult, takes: Sequence[Take]) -> list[str]:
+    """Parts of the page that simulate further: profiles, Type B of 1 % in the density and in the size of soft bodies,
+    and of 1 mm in marker places that were not fitted."""
     held = {} if "density" in result.values else {"density": 0.01}
-    return after_parts(result, [profile(result, name) for name in result.values], contributions(result, held, 1e-3))
+    models = [take.model for take in takes]
+    follows = all(model.bodies and all(hasattr(load, "reshaped") for load in model.loads) for model in models)
+    shifts = [name for name in result.values if name.startswith("marker.")]
+    added = contributions(result, held, None if shifts else 1e-3, 0.01 if follows else None)
+    return after_parts(result, [profile(result, name) for name in result.values if name not in shifts], added)
 
 
 def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list[Take]]:
@@ -144,8 +151,20 @@ def takes_of(file: FitFile, recording: Any = None, finer: bool = False) -> list[
         model, params, state = scene.build()
         dt = samples.spacing / file.substeps if file.substeps else each.scene.dt
         markers = attach(model, file.places)
-        takes.append(Take(model, params, state, samples, markers, dt, name=each.name, **each.cutting))
+        groups = groups_of(scene, model.bodies)
+        takes.append(Take(model, params, state, samples, markers, dt, name=each.name, groups=groups, **each.cutting))
     return takes
+
+
+def groups_of(scene: SceneFile, names: Sequence[str]) -> dict[str, np.ndarray]:
+    """Numbers of elements of the groups of all soft bodies' meshes, by BODY.GROUP; `names` of the bodies."""
+    found, first = {}, 0
+    for body, label in zip(scene.scene.soft, names, strict=True):
+        for name, rows in body.mesh.cell_groups.items():
+            if len(rows):
+                found[f"{label}.{name}"] = first + np.asarray(rows)
+        first += len(body.mesh.cells)
+    return found
 
 
 def _sources(file: FitFile, recording: Any) -> dict[str, Path]:

@@ -29,7 +29,7 @@ def run(args: argparse.Namespace) -> int:
     file = load_fit(args.file)
     if file.scene.precision == "float64":
         jax.config.update("jax_enable_x64", True)
-    asked = {key: file.settings[key] for key in ("parameters", "own", "priors")}
+    asked = {key: file.settings[key] for key in ("parameters", "own", "priors", "places")}
     sigma = file.settings["noise"].sigma or args.sigma
     print(f"{file.source.name}: samples that scatter by {1e3 * sigma:g} mm tell")
     for each in sensitivity(takes_of(file, args.recording), sigma, **asked):

@@ -21,7 +21,7 @@ from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.indices import sensitivity_indices, write_indices
 from jaxfem.sweeping.merging import Merged, merge
 from jaxfem.sweeping.result import columns
-from jaxfem.sweeping.shards import Manifest, missing, read_manifest, read_shard, shard_path, work, write_manifest
+from jaxfem.sweeping.shards import Manifest, begun, missing, read_manifest, read_shard, work, write_manifest
 
 EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
@@ -37,11 +37,11 @@ def add(subparsers: Any) -> None:
     )
     parser.add_argument("file", metavar="FILE.toml", help="the sweep: scene, values, outputs")
     parser.add_argument("--out", metavar="FOLDER", help="where results go, instead of [output] folder")
-    parser.add_argument("--processes", type=int, metavar="N", help="how many, instead of [sweep] processes")
+    parser.add_argument("--processes", type=_whole, metavar="N", help="how many, instead of [sweep] processes")
     parser.add_argument("--force", action="store_true", help="replace the results of an earlier sweep")
     parser.add_argument("--no-plots", action="store_true", help="write no PNG files")
     parser.add_argument(
-        "--worker", metavar="K/N", help="compute every N-th missing shard from the K-th on, and no more"
+        "--worker", type=_share, metavar="K/N", help="compute every N-th missing shard from the K-th on, and no more"
     )
     parser.add_argument("--begin", action="store_true", help="check the files, write the manifest, and no more")
     parser.set_defaults(run=run)
@@ -55,13 +55,14 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if args.worker:
         return _worker(file, folder, args.worker)
-    made = prepared(file, file.engine, file.width)
-    manifest = Manifest(file.digest, made.count, made.width, made.engine.name, made.reason, file.seed)
-    write_manifest(folder, manifest, args.force)
+    manifest = None if args.force else begun(folder, file.digest)
+    if manifest is None:
+        manifest = _planned(file)
+        write_manifest(folder, manifest)
     if args.begin:
         print(f"{manifest.count} variants in {manifest.shards} shards, {len(missing(folder, manifest))} missing")
         return 0
-    todo, begun = len(missing(folder, manifest)), time.perf_counter()
+    todo, start = len(missing(folder, manifest)), time.perf_counter()
     processes = min(args.processes or file.processes or os.cpu_count() or 1, max(todo, 1))
     try:
         problem = _watched(args.file, folder, manifest, processes) if todo else ""
@@ -75,11 +76,18 @@ def run(args: argparse.Namespace) -> int:
     if file.indices:
         merged.files.extend(_indices(file, folder, manifest))
     merged.files.extend(_plots(file, folder, manifest) if file.plots and not args.no_plots else [])
-    print(_summary(file, manifest, merged, todo, time.perf_counter() - begun, processes, folder))
+    print(_summary(file, manifest, merged, todo, time.perf_counter() - start, processes, folder))
     return 0
 
 
-def prepared(file: SweepFile, engine: str, width: int | None) -> Sweep:
+def _planned(file: SweepFile) -> Manifest:
+    """What a folder will hold: all that can be wrong with a file shows here."""
+    made = prepared(file, file.engine, file.width)
+    order = None if made.order is None else tuple(made.order.tolist())
+    return Manifest(file.digest, made.count, made.width, made.engine.name, made.reason, file.seed, order)
+
+
+def prepared(file: SweepFile, engine: str, width: int | None, order: np.ndarray | None = None) -> Sweep:
     """The sweep of a file."""
     scene = file.scene
     return Sweep(
@@ -94,15 +102,32 @@ def prepared(file: SweepFile, engine: str, width: int | None) -> Sweep:
         engine=engine,
         width=width,
         devices=jax.local_devices()[:1],
+        order=order,
     )
 
 
-def _worker(file: SweepFile, folder: Path, share: str) -> int:
+def _whole(word: str) -> int:
+    """A whole number of at least 1; ValueError for what is none."""
+    if int(word) < 1:
+        raise argparse.ArgumentTypeError(f"{word} is no number of processes: give 1 or more")
+    return int(word)
+
+
+def _share(word: str) -> tuple[int, int]:
+    """K of K/N, and N; ValueError for what is none."""
+    first, _, among = word.partition("/")
+    if not 0 <= int(first) < int(among):
+        raise argparse.ArgumentTypeError(f"{word} is no share: give K/N with K from 0 to N - 1")
+    return int(first), int(among)
+
+
+def _worker(file: SweepFile, folder: Path, share: tuple[int, int]) -> int:
     """One process: its share of what is missing. It ends with the process that started it."""
-    first, _, among = share.partition("/")
-    manifest, parent = read_manifest(folder), os.getppid()
-    made = prepared(file, manifest.engine, manifest.width)
-    for _ in work(made, folder, manifest, missing(folder, manifest)[int(first) :: int(among)]):
+    manifest, parent = begun(folder, file.digest) or read_manifest(folder), os.getppid()
+    # Found anew elsewhere, the order might differ in rounding: variants would be lost, others be there twice.
+    order = np.arange(manifest.count) if manifest.order is None else np.array(manifest.order)
+    made = prepared(file, manifest.engine, manifest.width, order)
+    for _ in work(made, folder, manifest, missing(folder, manifest)[share[0] :: share[1]]):
         if os.getppid() != parent:
             return EXIT_INTERRUPTED
     return 0
@@ -158,10 +183,12 @@ def _shown(folder: Path, manifest: Manifest) -> tuple[dict[str, np.ndarray], np.
     """Outputs of one number by name (V,), and the statuses (V,)."""
     parts, status = [], []
     for number in range(manifest.shards):
-        _, outputs, told, _ = read_shard(shard_path(folder, number), manifest)
+        outputs, told, _ = read_shard(folder, manifest, number)
         parts.append(columns(outputs))
         status.append(told["status"])
-    return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}, np.concatenate(status)
+    back = np.argsort(np.concatenate([manifest.members(number) for number in range(manifest.shards)]))
+    shown = {name: np.concatenate([part[name] for part in parts])[back] for name in parts[0]}
+    return shown, np.concatenate(status)[back]
 
 
 def _indices(file: SweepFile, folder: Path, manifest: Manifest) -> list[Path]:
@@ -196,6 +223,8 @@ def _summary(
 ) -> str:
     told = "; ".join(f"{count}: {word}" for word, count in merged.statuses.items())
     names = ", ".join(path.relative_to(folder).as_posix() for path in merged.files)
+    if merged.makers > 1:
+        warning(f"{merged.makers} kinds of versions, flags or processors made the shards; each of them says which")
     return (
         f'engine "{manifest.engine}": {manifest.reason}\n'
         f"{file.source.name}: {manifest.count} variants in {manifest.shards} shards of {manifest.width}, {todo} of "

@@ -124,22 +124,28 @@ def domain_gradient(domains: Domains, field: Array) -> Matrix3:
 
 
 def domain_strain(
-    domains: Domains, positions: Array, kind: RotationKind = "polar"
+    domains: Domains, positions: Array, kind: RotationKind = "polar", dropped: Array | None = None
 ) -> tuple[list[Array], Matrix3, Matrix3]:
-    """Coefficients of the part's strain, (D,) or (C,), with rotation and deformation gradient of each domain, (D,)."""
+    """Coefficients of the part's strain, (D,) or (C,), with rotation and deformation gradient of each domain, (D,).
+
+    `dropped` (n, 3) [m]: digits that rounding has dropped of the positions.
+    """
     deformation = domain_gradient(domains, positions)
+    if dropped is not None:
+        more = domain_gradient(domains, dropped)
+        deformation = [[a + b for a, b in zip(*rows, strict=True)] for rows in zip(deformation, more, strict=True)]
     rotation = rotation_of(deformation, kind)
     return row_means(domains, rotated_strain(deformation, rotation)[domains.rows]), rotation, deformation
 
 
 def domain_strains(
-    kinds: Sequence[Domains], positions: Array, kind: RotationKind = "polar"
+    kinds: Sequence[Domains], positions: Array, kind: RotationKind = "polar", dropped: Array | None = None
 ) -> list[tuple[list[Array], Matrix3, Matrix3]]:
     """`domain_strain` of each kind of domains; clusters follow the domains that they are made of, and use theirs."""
     found: list[tuple[list[Array], Matrix3, Matrix3]] = []
     for each in kinds:
         if each.clusters is None:
-            found.append(domain_strain(each, positions, kind))
+            found.append(domain_strain(each, positions, kind, dropped))
         else:
             strain, rotation, deformation = found[-1]
             found.append((row_means(each, strain), rotation, deformation))

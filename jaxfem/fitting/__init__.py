@@ -1,6 +1,10 @@
 """Fitting: material values of a soft body from a recording of markers on it."""
 
 from jaxfem.fitting.after import contributions, profile
+from jaxfem.fitting.beside.frequencies import Frequencies
+from jaxfem.fitting.beside.gauge import Gauge
+from jaxfem.fitting.beside.settled import Settled
+from jaxfem.fitting.beside.supports import SupportForce
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.fields import FieldFit, fit_field
 from jaxfem.fitting.markers import Markers, attach, marker_positions
@@ -19,6 +23,8 @@ __all__ = [
     "FieldFit",
     "FitError",
     "FitResult",
+    "Frequencies",
+    "Gauge",
     "Gaussian",
     "LogNormal",
     "Markers",
@@ -27,6 +33,8 @@ __all__ = [
     "Recording",
     "Refinement",
     "Search",
+    "Settled",
+    "SupportForce",
     "Take",
     "TakeFit",
     "attach",

@@ -7,12 +7,14 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.building import rebuild
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator
-from jaxfem.fitting.markers import moved_markers
+from jaxfem.fitting.markers import Markers, moved_markers
 from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.fitting.result import FitResult
+from jaxfem.model import Model, Params, State
 
 EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of one parameter ends (chi^2, one degree)
 STEPS = 24
@@ -110,10 +112,14 @@ class Contribution:
 
 
 def contributions(
-    result: FitResult, held: Mapping[str, float] | None = None, places: float | None = None
+    result: FitResult,
+    held: Mapping[str, float] | None = None,
+    places: float | None = None,
+    geometry: float | None = None,
 ) -> list[Contribution]:
     """The Type B list of a fit: `held`, name of a constant that was not fitted -> its relative standard uncertainty
-    (density: 0.01); `places`: that of each marker's place on the body [m].
+    (density: 0.01); `places`: that of each marker's place on the body [m]; `geometry`: that of the soft bodies' size
+    along each axis, as a share of it.
 
     By sensitivities at the solution: the shift of the least-squares solution where residuals change by dr is
     -(J'J)^-1 J' dr. Markers are off independently of each other. FitError for a constant that the scene lacks or the
@@ -121,14 +127,17 @@ def contributions(
     """
     evaluator, best = _solution(result)
     residual, jacobian, _ = evaluator.linear(best.z)
-    base = best.weighting.residual(residual)
-    columns = best.weighting.columns(jacobian)
+    known = evaluator.priors  # its rows stand beside the samples', in standard deviations as these
+    own, slope = known.rows(best.z) if known is not None else (np.zeros(0), np.zeros((0, best.z.size)))
+    base = np.concatenate([best.weighting.residual(residual), own])
+    columns = np.concatenate([best.weighting.columns(jacobian), slope.T], axis=1)
     solve = np.linalg.pinv(columns @ columns.T) @ columns
     slopes = evaluator.unknowns.slopes(best.z)
     names = evaluator.unknowns.names
 
     def moved(changed: Evaluator) -> np.ndarray:
         told = best.weighting.residual(changed.residual(best.z)[0])
+        told = np.concatenate([told, changed.priors.rows(best.z)[0] if changed.priors is not None else own])
         return np.asarray(-solve @ (told - base) * slopes)
 
     found = []
@@ -137,6 +146,10 @@ def contributions(
     if places is not None:
         square = sum(moved(each) ** 2 for each in _moved_markers(evaluator, places))
         found.append(Contribution("marker places", f"{1e3 * places:g} mm each", _named(names, np.sqrt(square))))
+    if geometry is not None:
+        for k, axis in enumerate("xyz"):
+            change = _named(names, moved(_stretched(evaluator, geometry, k)))
+            found.append(Contribution(f"size along {axis}", f"{100 * geometry:g} %", change))
     return found
 
 
@@ -144,17 +157,46 @@ def _scaled(evaluator: Evaluator, name: str, share: float) -> Evaluator:
     """The fit with a held constant changed by a share of itself."""
     if name in evaluator.unknowns.names:
         raise FitError(f"{name} was fitted: its uncertainty is in its error bar")
-    pieces = []
-    for piece in evaluator.pieces:
-        problem = piece.problem
-        model, params, state = problem.model, problem.params, problem.state
+
+    def scaled(model: Model, params: Params, state: State) -> dict[str, Any]:
         known = {**model.constants, **placed_constants(model, params, state)}
         if name not in known:
             raise FitError(f'the scene has no constant "{name}"; it has {", ".join(model.constants)}')
         value = jnp.asarray(value_of(known[name], params, state) * (1 + share), model.rest.dtype)
-        params, state = with_all(params, state, {name: value}, (known[name],))
-        pieces.append(dataclasses.replace(piece, problem=problem.replace(params=params, state=state)))
-    return Evaluator(pieces, evaluator.unknowns)
+        changed = with_all(params, state, {name: value}, (known[name],))
+        return dict(zip(("params", "state"), changed, strict=True))
+
+    pieces = []
+    for piece in evaluator.pieces:
+        new = scaled(piece.problem.model, piece.problem.params, piece.problem.state)
+        pieces.append(dataclasses.replace(piece, problem=piece.problem.replace(**new)))
+    priors = evaluator.priors
+    if priors is not None:
+        scenes = [(each, each.aside) for each in priors.data]
+        data = tuple(each.on(**scaled(at.model, at.params, at.state)) for each, at in scenes)
+        priors = dataclasses.replace(priors, data=data)
+    return Evaluator(pieces, evaluator.unknowns, None, priors)
+
+
+def _stretched(evaluator: Evaluator, share: float, axis: int) -> Evaluator:
+    """The fit with soft bodies longer along an axis, about their middle; markers and loads ride along."""
+
+    def longer(model: Model, state: State, markers: Markers) -> dict[str, Any]:
+        along = model.rest[:, axis]
+        rest = model.rest.at[:, axis].add(share * (along - 0.5 * (along.min() + along.max())))
+        moved = state.replace(positions=state.positions + (rest - model.rest))
+        return {"model": rebuild(model, rest), "state": moved, "markers": markers.reshaped(rest)}
+
+    pieces = []
+    for piece in evaluator.pieces:
+        at = piece.problem
+        pieces.append(dataclasses.replace(piece, problem=at.replace(**longer(at.model, at.state, at.markers))))
+    priors = evaluator.priors
+    if priors is not None:
+        scenes = [(each, each.aside) for each in priors.data]
+        data = tuple(each.on(**longer(at.model, at.state, at.markers)) for each, at in scenes)
+        priors = dataclasses.replace(priors, data=data)
+    return Evaluator(pieces, evaluator.unknowns, None, priors)
 
 
 def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:

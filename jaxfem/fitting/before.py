@@ -18,6 +18,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import linearised, pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.start_checks import camera_faults, late_faults
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
@@ -44,8 +45,10 @@ def written_faults(
     state: State,
     frame: str,
     compare: str,
+    late: bool = False,
 ) -> tuple[list[str], list[str]]:
-    """(faults, notes) of the recording as it stands, without a simulation."""
+    """(faults, notes) of the recording as it stands, without a simulation; `late`: whether what is
+    fitted changes how, or when, the motion begins."""
     if recording.camera is not None:
         nominal = np.asarray(pixels(jnp.asarray(recording.camera), jnp.asarray(nominal)))
         faults = pixel_faults(measured.stood, nominal, recording.names)
@@ -53,6 +56,11 @@ def written_faults(
     faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare)
     if not faults:
         faults = [*jump_faults(recording), *pace_faults(recording, load_acceleration(model, params, state))]
+    if not faults:
+        faults = [
+            *camera_faults(recording, is_held(model)),
+            *late_faults(measured, falling(model, params, state, late)),
+        ]
     return faults, [*notes, *pauses_in_words(recording)]
 
 
@@ -66,6 +74,21 @@ def load_acceleration(model: Model, params: Params, state: State) -> float | Non
         return float(np.linalg.norm(params.gravity))
     force = external_force(model, params, state.positions)
     return float(jnp.linalg.norm(force.sum(axis=0)) / nodal_mass(model, params.density).sum())
+
+
+def is_held(model: Model) -> bool:
+    """Whether all soft bodies have fixed nodes, and nothing else moves or strikes them."""
+    if model.coupled or len(model.driven) or not model.bodies:
+        return False
+    owner, fixed = np.asarray(model.node_body), np.asarray(model.free) == 0
+    return all(fixed[owner == number].any() for number in range(len(model.bodies)))
+
+
+def falling(model: Model, params: Params, state: State, late: bool) -> float | None:
+    """Gravity [m/s^2] where it alone sets soft bodies in motion; None else, or where `late` says so."""
+    if late or any(np.asarray(value).any() for value in params.loads):
+        return None
+    return load_acceleration(model, params, state)
 
 
 def start_faults(

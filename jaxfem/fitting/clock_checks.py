@@ -1,12 +1,14 @@
 """Are the times seconds? By the clock's own pattern, and by how fast a body of that weight can move at all."""
 
 import numpy as np
+from numpy.lib.stride_tricks import sliding_window_view as sliding
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 
 JUMP = 5.0  # spacings: a longer pause is looked at
+LASTING = 8  # rows with a rate of their own
 FAST = 20.0  # times the acceleration of the loads: no stiffness gives more
 OVERSHOOT = 1.1  # of the settled displacement: the body swings, so that its inertia is felt
 
@@ -17,7 +19,7 @@ def jump_faults(recording: Recording) -> list[str]:
         s = motion_along_shape(recording)
     except FitError:
         return []
-    pauses = np.flatnonzero(np.diff(recording.times) > JUMP * recording.spacing)
+    pauses = _pauses(recording)
     noise = scatter(s[np.isfinite(s)])
     for k in pauses:
         around = s[max(0, k - 2) : k + 4]
@@ -35,8 +37,33 @@ def jump_faults(recording: Recording) -> list[str]:
 def pauses_in_words(recording: Recording) -> list[str]:
     """Where the clock pauses, for the notes."""
     steps = np.diff(recording.times)
-    pauses = np.flatnonzero(steps > JUMP * recording.spacing)
-    return [f"no samples for {steps[k]:.3g} s after {recording.times[k]:g} s" for k in pauses[:3].tolist()]
+    told = [f"no samples for {steps[k]:.3g} s after {recording.times[k]:g} s" for k in _pauses(recording)[:3].tolist()]
+    return [*told, *_rates_in_words(recording)]
+
+
+def _pauses(recording: Recording) -> np.ndarray:
+    """Rows after which the clock pauses: for long, and for longer than between the rows around."""
+    steps = np.diff(recording.times)
+    padded = np.pad(steps, 2, mode="edge")
+    around = np.median([padded[k : k + len(steps)] for k in (0, 1, 3, 4)], axis=0)
+    return np.flatnonzero((steps > JUMP * recording.spacing) & (steps > 2 * around))
+
+
+def _rates_in_words(recording: Recording) -> list[str]:
+    """Where the rate changes for good, for the notes: samples count with the times that they have."""
+    steps = np.diff(recording.times)
+    if len(steps) < 4 * LASTING:
+        return []
+    rows = np.arange(LASTING, len(steps) - LASTING + 1)
+    before, after = (np.median(sliding(steps, LASTING)[at], axis=-1) for at in (rows - LASTING, rows))
+    change = np.abs(np.log(after / before))
+    k = int(np.argmax(change))
+    if change[k] < np.log(1.2):
+        return []
+    return [
+        f"the rate changes, from {1 / before[k]:.4g} to {1 / after[k]:.4g} rows a second near "
+        f"{recording.times[rows[k]]:.4g} s: samples count with their own times"
+    ]
 
 
 def pace_faults(recording: Recording, load: float | None) -> list[str]:

@@ -89,6 +89,8 @@ def fit_field(
     if constant is None or not constant.transform.proportional:
         known = [each.name for each in listed[0].model.constants.values() if each.transform.proportional]
         raise FitError(f'no field of "{name}": give a positive constant of the scene\'s materials, {", ".join(known)}')
+    if any(each.beside for each in listed):
+        raise FitError("a field is found from markers alone: leave out what else was measured (beside)")
     if not jump > 1:
         raise FitError(f"jump is {jump!r}: give the factor by which neighbours usually differ, above 1, like 1.2")
     where = _checked_regions(regions, listed[0].model.elements.count)
@@ -151,7 +153,7 @@ def _laplacian_pairs(model: Any, where: np.ndarray) -> tuple[np.ndarray, np.ndar
 def field_residuals(u: Array, problem: Problem, plan: Plan, name: str, where: Array) -> tuple[Array, Outcome]:
     """Weighted residuals (T, M, 3) where the elements' values are exp(u)[where]."""
     params = problem.params.replace(**{name: jnp.exp(u)[where]})
-    return compared(params, problem.state, jnp.zeros((), u.dtype), problem, plan)
+    return compared(params, problem.state, problem, plan)
 
 
 @partial(jax.jit, static_argnames=("plan", "name"))

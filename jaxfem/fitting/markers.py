@@ -24,10 +24,11 @@ NOTHING = 1e-9
 
 class Riders(Pytree):
     """Points carried by rigid bodies: numbers `body` (m,), places `local` (m, 3) [m] from their centres of mass, in
-    their frames."""
+    their frames; `start` (m, 4): the bodies' orientations where the places were given."""
 
     body: Array
     local: Array
+    start: Array
 
 
 class Markers(Pytree):
@@ -120,7 +121,9 @@ def _riders(model: Model, carried: Mapping[str, tuple[int | None, Any]]) -> Ride
             )
         local.append(turns[number].T @ arm)
         numbers.append(number)
-    return Riders(jnp.asarray(np.array(numbers), jnp.int32), jnp.asarray(np.array(local), model.rest.dtype))
+    bodies = np.array(numbers)
+    start = jnp.asarray(np.asarray(model.rigid.start_orientation)[bodies], model.rest.dtype)
+    return Riders(jnp.asarray(bodies, jnp.int32), jnp.asarray(np.array(local), model.rest.dtype), start)
 
 
 def _nothing(model: Model) -> Markers:
@@ -187,6 +190,43 @@ def marker_places(markers: Markers, state: State) -> Array:
     )
     every = carried if soft is None else jnp.concatenate([soft, carried], axis=-2)
     return every[..., np.array(markers.order), :]
+
+
+def marker_frames(markers: Markers, state: State) -> Array:
+    """How small shifts of the markers' places at rest move them: (..., M, 3, 3); differentiable.
+
+    The deformation gradient of the element for one inside, and of one outside or on a rigid body the rotation.
+    """
+    soft = None
+    if markers.cells.shape[0]:
+        corners = state.positions[..., markers.cells, :]
+        edges = corners[..., 1:, :] - corners[..., :1, :]
+        soft = jnp.einsum("...mai,maj->...mij", edges, markers.gradients[:, 1:])
+        outside = jnp.any(markers.offsets != 0, axis=1)[:, None, None]
+        soft = jnp.where(outside, nearest_rotation(soft), soft)
+    if markers.riders is None or state.rigid is None:
+        assert soft is not None
+        return soft
+    now = quaternion_to_matrix(state.rigid.orientations[..., markers.riders.body, :])
+    carried = now @ jnp.swapaxes(quaternion_to_matrix(markers.riders.start), -1, -2)
+    every = carried if soft is None else jnp.concatenate([soft, carried], axis=-3)
+    return every[..., np.array(markers.order), :, :]
+
+
+def moved_places(markers: Markers, shifts: Array) -> Markers:
+    """Markers whose places at rest are off by `shifts` (M, 3) [m], in the order of their names, and small: those inside
+    stay with their elements. Traceable; `moved_markers` finds the elements anew."""
+    order = np.argsort(markers.order) if markers.order else np.arange(markers.count)
+    listed, soft = shifts[order], markers.cells.shape[0]
+    outside = jnp.any(markers.offsets != 0, axis=1, keepdims=True)
+    own = listed[:soft]
+    weights = markers.weights + jnp.where(outside, 0.0, jnp.einsum("mai,mi->ma", markers.gradients, own))
+    moved = markers.replace(weights=weights, offsets=markers.offsets + jnp.where(outside, own, 0.0))
+    if markers.riders is None:
+        return moved
+    turns = quaternion_to_matrix(markers.riders.start)
+    local = markers.riders.local + jnp.einsum("mji,mj->mi", turns, listed[soft:])
+    return moved.replace(riders=markers.riders.replace(local=local))
 
 
 def moved_markers(markers: Markers, model: Model, shifts: np.ndarray) -> Markers:

@@ -9,9 +9,11 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.frames import rigid_fit
-from jaxfem.fitting.markers import Markers, marker_places
+from jaxfem.fitting.markers import Markers, marker_frames, marker_places
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.paths import with_all
+from jaxfem.fitting.paths import Placed, with_all
+from jaxfem.fitting.spots import Shift
+from jaxfem.fitting.unknowns import DELAY
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
@@ -88,16 +90,33 @@ def make_problem(
 @partial(jax.jit, static_argnames="plan")
 def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     """Weighted residuals (T, M, 3), simulated less measured, zero where a sample is missing, at z (P,)."""
-    delay = jnp.zeros((), z.dtype)
-    values = {each.name: each.transform.value(z[i]) for i, each in enumerate(plan.constants)}
-    delay = values.pop("delay", delay)
-    params, state = with_all(problem.params, problem.state, values, plan.constants)
-    return compared(params, state, delay, problem, plan)
+    frames, status = _frames_at(z, problem, plan)
+    return _difference(z, frames, status, problem, plan)
 
 
-def compared(params: Params, state: State, delay: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
-    """Weighted residuals of a simulation with these params from this state, released `delay` [s] behind its row."""
+def compared(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+    """Weighted residuals of a simulation with these params from this state."""
     frames, status = _simulated_frames(params, state, problem, plan)
+    return _difference(jnp.zeros(0, problem.dt.dtype), frames, status, problem, plan)
+
+
+def _values(z: Array, plan: Plan) -> dict[str, Array]:
+    return {each.name: each.transform.value(z[i]) for i, each in enumerate(plan.constants)}
+
+
+def _frames_at(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array]:
+    """What is kept of the simulation's frames with the values of z, and the largest status of its steps."""
+    values = {name: value for name, value in _values(z, plan).items() if name != DELAY.name}
+    params, state = with_all(problem.params, problem.state, values, plan.constants)
+    return _simulated_frames(params, state, problem, plan)
+
+
+def _difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+    """Residuals of what was kept of the frames, the simulation released by the delay [s] in z behind its row, markers
+    off their places by its shifts."""
+    values = _values(z, plan)
+    delay = values.get(DELAY.name, jnp.zeros((), kept.dtype))
+    frames = _with_shifts(kept, values, problem, plan)
     simulated = interpolated(frames, problem.times - delay / (plan.every * problem.dt))
     measured, origin = problem.measured, problem.origin
     if plan.frame == "all":
@@ -117,16 +136,50 @@ def compared(params: Params, state: State, delay: Array, problem: Problem, plan:
 
 @partial(jax.jit, static_argnames="plan")
 def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Outcome]:
-    """`residuals` with the Jacobian (P, T, M, 3): the simulation runs once, its tangents side by side."""
+    """`residuals` with the Jacobian (P, T, M, 3): the simulation runs once, its tangents side by side. Shifts of
+    markers need none: their columns are made of the frames."""
+    shifts = [k for k, each in enumerate(plan.constants) if shift_of(each) is not None]
+    moving = [k for k in range(z.size) if k not in shifts] or [0]
 
-    def tangent(direction: Array) -> tuple[Array, Array, Outcome]:
-        return jax.jvp(lambda u: residuals(u, problem, plan), (z,), (direction,), has_aux=True)
+    def whole(u: Array) -> tuple[Array, tuple[Outcome, Array]]:
+        frames, status = _frames_at(u, problem, plan)
+        r, outcome = _difference(u, frames, status, problem, plan)
+        return r, (outcome, frames)
+
+    def tangent(direction: Array) -> tuple[Array, Array, tuple[Outcome, Array]]:
+        return jax.jvp(whole, (z,), (direction,), has_aux=True)
 
     directions = jnp.eye(z.size, dtype=z.dtype)
-    if plan.at_once is None or plan.at_once >= z.size:
-        return jax.vmap(tangent, out_axes=(None, 0, None))(directions)
-    r, columns, outcome = jax.lax.map(tangent, directions, batch_size=plan.at_once)
-    return r[0], columns, jax.tree.map(lambda leaf: leaf[0], outcome)
+    if plan.at_once is None or plan.at_once >= len(moving):
+        r, columns, (outcome, frames) = jax.vmap(tangent, out_axes=(None, 0, None))(directions[np.array(moving)])
+    else:
+        each, columns, aside = jax.lax.map(tangent, directions[np.array(moving)], batch_size=plan.at_once)
+        r, (outcome, frames) = each[0], jax.tree.map(lambda leaf: leaf[0], aside)
+    if not shifts:
+        return r, columns, outcome
+
+    def shifted(direction: Array) -> Array:
+        compare = lambda u: _difference(u, frames, outcome.status, problem, plan)[0]  # noqa: E731
+        pushed: Array = jax.jvp(compare, (z,), (direction,))[1]
+        return pushed
+
+    every = jnp.zeros((z.size, *r.shape), r.dtype).at[np.array(moving)].set(columns)
+    return r, every.at[np.array(shifts)].set(jax.vmap(shifted)(directions[np.array(shifts)])), outcome
+
+
+def shift_of(constant: Constant) -> Shift | None:
+    """Which place of which marker a constant shifts; None for what stands in the scene."""
+    spot = constant.spot if isinstance(constant, Placed) else None
+    return spot if isinstance(spot, Shift) else None
+
+
+def shift_array(values: dict[str, Array], constants: tuple[Constant, ...], count: int, dtype: Any) -> Array:
+    """Shifts (M, 3) [m] of the markers' places."""
+    shifts = jnp.zeros((count, 3), dtype)
+    for each in constants:
+        if (spot := shift_of(each)) is not None:
+            shifts = shifts.at[spot.marker, spot.axis].set(values[each.name])
+    return shifts
 
 
 @partial(jax.jit, static_argnames="plan")
@@ -157,8 +210,28 @@ def interpolated(frames: Array, places: Array) -> Array:
     return b + 0.5 * s * (c - a + s * (2 * a - 5 * b + 4 * c - d + s * (3 * (b - c) + d - a)))
 
 
+def _with_shifts(kept: Array, values: dict[str, Array], problem: Problem, plan: Plan) -> Array:
+    """Where the markers are in the frames, off their places by the shifts; as a camera sees them where there is one."""
+    frames = kept[..., :3]
+    if kept.shape[-1] > 3:
+        turns = kept[..., 3:].reshape(*kept.shape[:-1], 3, 3)
+        shifts = shift_array(values, plan.constants, kept.shape[-2], kept.dtype)
+        frames = frames + jnp.einsum("nmij,mj->nmi", turns, shifts)
+    return frames if problem.camera is None else pixels(problem.camera, frames)
+
+
 def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Array]:
-    """Where the markers are in each frame up to the last that has a sample: nothing else of the states is kept."""
+    """Where the markers are in each frame (n, M, 3) up to the last that has a sample: nothing else of the states is
+    kept, but (n, M, 12) where markers may be shifted, how that moves them."""
+    shifted = any(shift_of(each) is not None for each in plan.constants)
+
+    def keep(reached: State) -> Array:
+        places = marker_places(problem.markers, reached)
+        if not shifted:
+            return places
+        turns = marker_frames(problem.markers, reached)
+        return jnp.concatenate([places, turns.reshape(*places.shape[:-1], 9)], axis=-1)
+
     places, status = watched(
         problem.model,
         params,
@@ -167,12 +240,9 @@ def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan
         _frames_needed(problem, plan),
         plan.every,
         most=plan.frames,
-        keep=lambda reached: marker_places(problem.markers, reached),
+        keep=keep,
     )
-    frames = jnp.concatenate([marker_places(problem.markers, state)[None], places])
-    if problem.camera is not None:
-        frames = pixels(problem.camera, frames)
-    return frames, status
+    return jnp.concatenate([keep(state)[None], places]), status
 
 
 def _frames_needed(problem: Problem, plan: Plan) -> Array:

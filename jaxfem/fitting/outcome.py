@@ -1,12 +1,12 @@
 """From a solution to what users see of it: intervals, each take's misfit, warnings; takes held out, predicted."""
 
 from collections.abc import Mapping, Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.advice import advice, sample_advice, weakest_in_words
+from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.evaluation import Evaluator, Piece
 from jaxfem.fitting.multistart import doubts, waterfall
@@ -14,12 +14,13 @@ from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Outcome
 from jaxfem.fitting.paths import with_all
 from jaxfem.fitting.release import scatter
-from jaxfem.fitting.result import FitResult, TakeFit
+from jaxfem.fitting.result import FitResult, TakeFit, astray, beside_in_words
 from jaxfem.fitting.rounds import Judged
-from jaxfem.fitting.sharing import Shared, shared_unknowns
+from jaxfem.fitting.sharing import Shared, all_shifts, shared_unknowns
 from jaxfem.fitting.statistics import autocorrelation
-from jaxfem.fitting.takes import Prepared, compiled_piece
-from jaxfem.fitting.unknowns import DELAY
+from jaxfem.fitting.takes import Prepared, compiled_piece, data_beside
+from jaxfem.fitting.unknowns import DELAY, Unknowns
+from jaxfem.materials.constants import Constant
 
 LAGS = 60
 BAND = 1.959963984540054  # 95 % of a Gaussian
@@ -45,7 +46,7 @@ def result_of(
         _sigma_of(piece, scales, spread.noise) for piece, scales in zip(evaluator.pieces, best.scales, strict=True)
     ]
     takes = [
-        take_of(each, piece, outcome, own, unknown.values(z), width)
+        take_of(each, piece, outcome, own, unknown.values(z), width, told_beside(each, unknown, own, z))
         for each, piece, outcome, own, width in zip(made, evaluator.pieces, outcomes, shared.own, sigma, strict=True)
     ]
     bars = np.sqrt(np.maximum(np.diag(spread.covariance), 0.0))
@@ -59,6 +60,8 @@ def result_of(
             first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
         ),
         *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
+        *(text for each in takes for text in beside_in_words(each)),
+        *(text for each, one in zip(takes, made, strict=True) for text in astray(each, one.measured)),
     ]
     return FitResult(
         constants=unknown.constants,
@@ -96,12 +99,13 @@ def take_of(
     made: Prepared,
     piece: Piece,
     outcome: Outcome,
-    own: Mapping[str, Any],
+    own: Mapping[str, Constant],
     values: Mapping[str, float],
     sigma: np.ndarray,
+    beside: Sequence[Beside] = (),
     held_out: bool = False,
 ) -> TakeFit:
-    """A take against its simulation; `sigma`, (M, 3) or (T, M, 3), of its samples."""
+    """A take against its simulation; `sigma`, (M, 3) or (T, M, 3), of its samples; `beside`: what else was measured."""
     measured, seen = made.measured, made.measured.seen[..., None]
     simulated, shown = (np.asarray(a, np.float64) for a in (outcome.simulated, outcome.measured))
     shown = np.where(seen, shown, np.nan)
@@ -131,7 +135,13 @@ def take_of(
         params=params,
         state=state,
         dt=float(piece.problem.dt),
+        beside=tuple(beside),
     )
+
+
+def told_beside(made: Prepared, unknowns: Unknowns, own: Mapping[str, Constant], z: np.ndarray) -> list[Beside]:
+    """What was measured beside the markers of a take, against what z tells."""
+    return [each for one in data_beside(made, unknowns, own) for each in one.told(z)]
 
 
 def sample_scatter(places: np.ndarray) -> float:
@@ -151,7 +161,8 @@ def held_take(
     own: Sequence[str],
 ) -> TakeFit:
     """A take that was not fitted, as the found values predict it; what it has for itself is fitted to it alone."""
-    there = shared_unknowns([made], parameters, own, None, None)
+    shifts = [name for name in all_shifts([made]) if name in shared.unknowns.names]
+    there = shared_unknowns([made], parameters, own, None, None, shifts)
     values = shared.unknowns.values(best.z)
     known = {name: values[name] for name in there.unknowns.names if name in values and name not in own}
     piece = compiled_piece(made, there.unknowns, there.own[0], noise, usual[made.unit] if usual[made.unit] else 1.0)
@@ -181,6 +192,7 @@ def held_take(
         there.own[0],
         there.unknowns.values(z),
         np.sqrt(told + by_marker**2),
+        told_beside(made, there.unknowns, there.own[0], z),
         held_out=True,
     )
 

@@ -4,17 +4,19 @@
 `load.NUMBER.x`, `load.NUMBER.factor`, `gravity.x`, `gravity.turn.x`, `velocity.BODY.x`, `spin.BODY.x`, `mass.BODY`,
 `place.BODY.x` and `turn.BODY.x` (of what starts free), `young.BODY` (any constant of a material, of one body),
 `motion.NUMBER.amplitude.x` (of driven nodes) and `motion.BODY.velocity.x` (of a driven rigid body) and whatever else
-`Motion` declares, `shear_modulus` and `bulk_modulus`.
+`Motion` declares, `shear_modulus` and `bulk_modulus`; `marker.NAME.x`, how far a marker's place is off the given one;
+`young.GROUP`, of the elements of a group that the take names.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Spot, Start, StartTurn, Turn
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Region, Shift, Spot, Start, StartTurn, Turn
 from jaxfem.fitting.unknowns import with_values
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
@@ -22,6 +24,7 @@ from jaxfem.materials.quantities import quantities_of, signed_constant
 from jaxfem.model import Model, Params, State
 
 AXES = "xyz"
+REACH = 0.2  # of the body's extent: what a marker's place may be off
 
 
 @dataclasses.dataclass(frozen=True)
@@ -60,6 +63,44 @@ def placed_constants(model: Model, params: Params, state: State) -> dict[str, Co
     return {each.name: each for make in makers for each in make(model, params, state)}
 
 
+def group_constants(groups: Mapping[str, Any], model: Model) -> dict[str, Constant]:
+    """Each constant of a material, and the density, on the elements of each of the `groups`, name -> indices: paths
+    `young.GROUP`. FitError for elements that are none."""
+    owner, found = np.asarray(model.elements.body), dict[str, Constant]()
+    for group, given in groups.items():
+        rows = np.asarray(given)
+        if rows.ndim != 1 or not rows.size or not np.issubdtype(rows.dtype, np.integer) or not _are(rows, len(owner)):
+            raise FitError(f'group "{group}" is {given!r}; give numbers of elements, 0 to {len(owner) - 1}')
+        laws = dict.fromkeys(model.laws[number] for number in np.unique(owner[rows]).tolist())
+        for each in dict.fromkeys([*(one for law in laws for one in law.constants), DENSITY]):
+            spot = Region(each.name, tuple(rows.tolist()), tuple(owner.tolist()))
+            name = f"{each.name}.{group}"
+            found[name] = _placed(name, each, spot, label=f"{each.title} of {group}")
+    return found
+
+
+def _are(rows: np.ndarray, count: int) -> bool:
+    return bool(rows.min() >= 0 and rows.max() < count and len(np.unique(rows)) == len(rows))
+
+
+def marker_shifts(names: Sequence[str], model: Model) -> dict[str, Constant]:
+    """How far each marker's place is off the given one, along each axis of the scene."""
+    rest = np.asarray(model.rest)
+    reach = REACH * float(np.ptp(rest, axis=0).max() if model.size is None else model.size)
+    shift = signed_constant("shift", "m", "")
+    found = [
+        _placed(shift_name(name, axis), shift, Shift(number, k), bounds=(-reach, reach), absolute=True)
+        for number, name in enumerate(names)
+        for k, axis in enumerate(AXES)
+    ]
+    return {each.name: each for each in found}
+
+
+def shift_name(marker: str, axis: str) -> str:
+    """The path of a marker's place."""
+    return f"marker.{marker}.{axis}"
+
+
 def _placed(name: str, constant: Constant, spot: Spot, **changes: Any) -> Placed:
     fields = {each.name: getattr(constant, each.name) for each in dataclasses.fields(Constant)}
     return Placed(**{**fields, "label": name, **changes, "name": name, "spot": spot})
@@ -88,15 +129,16 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Placed]:
 
 
 def _loads(model: Model, params: Params, state: State) -> Iterator[Placed]:
-    for number, value in enumerate(params.loads):
+    units = model.load_units or ("",) * len(params.loads)
+    for number, (value, unit) in enumerate(zip(params.loads, units, strict=True)):
         shape = np.shape(value)
         if shape == ():
             whole = Entries(((("loads", number), None),))
-            yield _placed(f"load.{number}", signed_constant("value", "Pa", ""), whole)
+            yield _placed(f"load.{number}", signed_constant("value", unit, ""), whole)
         elif shape == (3,):
             for k, axis in enumerate(AXES):
                 spot = Entries(((("loads", number), (k,)),))
-                yield _placed(f"load.{number}.{axis}", signed_constant("value", "N or Pa", ""), spot)
+                yield _placed(f"load.{number}.{axis}", signed_constant("value", unit, ""), spot)
         factor = Constant("factor", "", "must be > 0", low=0.0)
         yield _placed(f"load.{number}.factor", factor, Factor(number))
 

@@ -20,6 +20,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.declared.errors import checked_choice
+from jaxfem.fitting.beside.rows import Aside, data_rows
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.objective import Plan, Problem, residuals
@@ -38,7 +39,7 @@ BEST_WALK = 2.38  # over the root of the number of parameters (Roberts, Gelman &
 class Data(Pytree):
     """All arrays of the density: `problems` of the takes, `maps` that weigh and whiten their residuals, the solution
     `z0` (P,), `shape` and `plain` (P, P), the Cholesky factors L and L_0, the `box` (2, P), `scale` s^2 and `freedom`
-    n of it, infinite where it is known, `least` = S(z0) and the priors' at z0."""
+    n of it, infinite where it is known, `least` = S(z0) and the priors' at z0; `asides`: data beside the samples."""
 
     problems: tuple[Problem, ...]
     maps: Any
@@ -49,6 +50,7 @@ class Data(Pytree):
     scale: Array
     freedom: Array
     least: Array
+    asides: tuple[Aside, ...] = ()
     plans: tuple[Plan, ...] = static(default=())
     columns: tuple[tuple[int, ...], ...] = static(default=())
 
@@ -141,6 +143,7 @@ def _data(evaluator: Evaluator, best: Judged) -> Data:
         scale=jnp.asarray(spread.noise**2, dtype),
         freedom=jnp.asarray(spread.degrees, dtype),
         least=jnp.asarray(flat @ flat, dtype),
+        asides=tuple(each.aside for each in evaluator.priors.data) if evaluator.priors else (),
         plans=tuple(piece.plan for piece in evaluator.pieces),
         columns=tuple(tuple(piece.columns.tolist()) for piece in evaluator.pieces),
     )
@@ -150,6 +153,7 @@ def _density(evaluator: Evaluator) -> Callable[[Array, Data], Array]:
     """(u, data) -> log density; its gradient is made forwards, with the simulation, of which nothing has to be kept."""
     constants = evaluator.unknowns.constants
     priors = dict(evaluator.priors.known) if evaluator.priors else {}
+    beside = [(each.columns, each.constants) for each in evaluator.priors.data] if evaluator.priors else []
 
     def value(u: Array, data: Data) -> Array:
         z, seen = data.z0 + data.shape @ u, data.z0 + data.plain @ u
@@ -164,6 +168,8 @@ def _density(evaluator: Evaluator) -> Callable[[Array, Data], Array]:
         for number, constant in enumerate(constants):
             if constant.name in priors:
                 told = told + priors[constant.name].score(constant.transform.value(seen[number])) ** 2
+        for aside, (columns, own) in zip(data.asides, beside, strict=True):
+            told = told + jnp.sum(data_rows(seen[columns], aside, own) ** 2)
         inside = jnp.all((z >= data.box[0]) & (z <= data.box[1]) & (seen >= data.box[0]) & (seen <= data.box[1]))
         return jnp.where(inside & sound & jnp.isfinite(told), -told / 2, -jnp.inf)
 

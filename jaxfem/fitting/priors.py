@@ -1,11 +1,11 @@
-"""What was known of parameters before: rows beside those of the samples.
+"""What is known of parameters beside the samples, before or by other data: rows of their own.
 
 A Gaussian on the value, or on its logarithm where it is known to a factor (Tarantola 2005, chapter 1).
 """
 
 import dataclasses
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Mapping, Sequence
+from typing import Any, Protocol
 
 import jax.numpy as jnp
 import numpy as np
@@ -55,12 +55,20 @@ class LogNormal:
         return float(np.log(value / self.median)) / width, 1 / (width * value)
 
 
+class Rows(Protocol):
+    """Data that stand beside samples as rows of their own."""
+
+    def rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """(k,) in standard uncertainties, and derivatives (k, P) in z."""
+
+
 @dataclasses.dataclass(frozen=True)
 class Priors:
-    """Priors by the names of unknowns."""
+    """What is known of unknowns beside samples: priors by their names, and `data`."""
 
     unknowns: Unknowns
     known: Mapping[str, Any]
+    data: tuple[Any, ...] = ()
 
     def rows(self, z: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """(k,) in standard deviations, and derivatives (k, P) in z."""
@@ -70,7 +78,8 @@ class Priors:
             place = self.unknowns.names.index(name)
             rows[k], slope = prior.row(values[name])
             jacobian[k, place] = slope * slopes[place]
-        return rows, jacobian
+        parts: list[tuple[np.ndarray, np.ndarray]] = [(rows, jacobian), *(each.rows(z) for each in self.data)]
+        return np.concatenate([row for row, _ in parts]), np.concatenate([own for _, own in parts])
 
     def precision(self, z: np.ndarray) -> np.ndarray:
         """J'J (P, P) of the rows."""
@@ -78,11 +87,12 @@ class Priors:
         return np.asarray(jacobian.T @ jacobian)
 
 
-def checked_priors(unknowns: Unknowns, priors: Mapping[str, Any] | None) -> Priors | None:
-    """Priors of the fitted parameters; FitError for one that is not fitted or no prior."""
-    if not priors:
+def checked_priors(unknowns: Unknowns, priors: Mapping[str, Any] | None, data: Sequence[Rows] = ()) -> Priors | None:
+    """Priors of the fitted parameters and data beside the samples, None without either; FitError for one that is not
+    fitted or no prior."""
+    if not priors and not data:
         return None
-    for name, prior in priors.items():
+    for name, prior in (priors or {}).items():
         if name not in unknowns.names:
             raise FitError(f'a prior is given for "{name}", which is not fitted; fitted: {", ".join(unknowns.names)}')
         if not hasattr(prior, "row"):
@@ -92,4 +102,4 @@ def checked_priors(unknowns: Unknowns, priors: Mapping[str, Any] | None) -> Prio
         low = unknowns.constants[unknowns.names.index(name)].transform.low
         if isinstance(prior, LogNormal) and low < 0:
             raise FitError(f"the prior of {name} is of its logarithm, but it may be negative: give a Gaussian")
-    return Priors(unknowns, dict(priors))
+    return Priors(unknowns, dict(priors or {}), tuple(data))

@@ -82,8 +82,10 @@ class Recording:
 
     @property
     def spacing(self) -> float:
-        """The usual time between two rows [s]."""
-        return float(np.median(np.diff(self.times)))
+        """The usual time between two rows [s]; where the rate changes, that of the faster part."""
+        steps = np.diff(self.times)
+        usual, shorter = np.median(steps), np.quantile(steps, 0.1)
+        return float(shorter if shorter < 0.75 * usual else usual)
 
     def subset(self, names: Sequence[str]) -> "Recording":
         """The same rows with only these markers, in this order; FitError for a name that is not there."""

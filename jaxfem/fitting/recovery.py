@@ -14,17 +14,20 @@ from jaxfem.fitting.markers import Markers
 from jaxfem.fitting.memory import limit_memory
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.outcome import held_take, result_of
-from jaxfem.fitting.priors import checked_priors
+from jaxfem.fitting.priors import Gaussian, checked_priors
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
 from jaxfem.fitting.search import Search
-from jaxfem.fitting.sharing import Shared, shared_unknowns
+from jaxfem.fitting.sharing import Shared, all_shifts, shared_unknowns
 from jaxfem.fitting.strategy import Strategy, checked_strategy, searched, searching
-from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, prepared
+from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, data_beside, prepared
+from jaxfem.fitting.unknowns import DELAY
 from jaxfem.model import Model, Params, State
 
 CHECKS = ("refuse", "warn")
+BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
+"""First words of paths of what sets bodies in motion."""
 
 
 def fit(
@@ -39,6 +42,9 @@ def fit(
     compare: str = "displacement",
     release: Any = "auto",
     end: Any = None,
+    beside: Sequence[Any] = (),
+    clamp: Mapping[str, Any] | None = None,
+    groups: Mapping[str, Any] | None = None,
     **settings: Any,
 ) -> FitResult:
     """Recover material values from a recording of markers: values, error bars and what to beware of.
@@ -47,10 +53,11 @@ def fit(
     `markers`: attached ones, or places on the body by name [m]. `frame`: "none" (the recording is in the body's frame),
     "rest" (rigid frame from the markers before the release against their places) or "all" (best rigid frame over all
     samples, found again for each trial). `compare`: "displacement" since the release, or "position". `release`: "auto"
-    or a time of the recording [s]; `end`: a time, "settled" or None.
+    or a time of the recording [s]; `end`: a time, "settled" or None. `beside`, `clamp`, `groups`: see `Take`.
     `settings`: those of `fit_takes`, which fits several recordings at once. FitError for what cannot be fitted.
     """
-    take = Take(model, params, state, recording, markers, dt, frame, compare, release, end)
+    more: dict[str, Any] = {"beside": beside, "clamp": clamp, "groups": groups}
+    take = Take(model, params, state, recording, markers, dt, frame, compare, release, end, **more)
     return fit_takes([take], **settings)
 
 
@@ -72,6 +79,7 @@ def fit_takes(
     seed: int = 0,
     windows: int = 1,
     max_memory: float | None = None,
+    places: float | None = None,
 ) -> FitResult:
     """Recover values that several recordings share, and those that each has for itself.
 
@@ -87,6 +95,8 @@ def fit_takes(
     `multi_start`: so many starts are drawn with `seed` beside those given, and followed side by side;
     `FitResult.ends` says where each led. `windows`: each take is fitted from its beginning on in windows that grow, so
     many in all: for long recordings of what touches. `max_memory` [GB]: of one simulation with derivatives.
+    `places` [m]: to which the markers' places on the body are known; their shifts, marker.NAME.x and so on, are then
+    found with the rest, with that as their prior.
     `progress(stage, iteration, loss, values)` is called after each simulation. Ctrl-C returns the best so far.
 
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
@@ -94,9 +104,10 @@ def fit_takes(
     what cannot be fitted.
     """
     noise = _noise(noise, sigma)
+    checked_takes(takes)
     out = _held_out(takes, held_out)
     evaluator, made, shared = assembled(
-        [take for take in takes if take.name not in out], parameters, own, starts, bounds, noise, priors, checks
+        [take for take in takes if take.name not in out], parameters, own, starts, bounds, noise, priors, checks, places
     )
     evaluator.progress = progress
     settings = search or Search()
@@ -104,7 +115,8 @@ def fit_takes(
         Strategy(settings, windows, multi_start, seed), [len(each.measured.times) for each in made]
     )
     limit_memory(evaluator, max_memory)
-    held = [prepared(take, checks) for take in takes if take.name in out]
+    late = _late(parameters)
+    held = [prepared(take, checks, late) for take in takes if take.name in out]
     usual = usual_scales(made)
     frames = [each.take.frame for each in made]
     faults = [text for each in (*made, *held) for text in each.faults]
@@ -129,18 +141,41 @@ def assembled(
     noise: Noise,
     priors: Mapping[str, Any] | None,
     checks: str,
+    places: float | None = None,
 ) -> tuple[Evaluator, list[Prepared], Shared]:
     """What is evaluated of takes: checked, cut, with their unknowns."""
     checked_choice("checks", checks, CHECKS, FitError)
     checked_takes(takes)
-    made = [prepared(take, checks) for take in takes]
-    shared = shared_unknowns(made, parameters, own, starts, bounds)
+    late = _late(parameters)
+    made = [prepared(take, checks, late) for take in takes]
+    shifts = () if places is None else all_shifts(made)
+    shared = shared_unknowns(made, parameters, own, starts, bounds, shifts)
+    priors = {**{name: _place_prior(places) for name in shifts}, **dict(priors or {})}
     usual = usual_scales(made)
     pieces = [
         compiled_piece(each, shared.unknowns, shared.own[k], noise, usual[each.unit]) for k, each in enumerate(made)
     ]
-    known = checked_priors(shared.unknowns, priors)
+    data = [one for k, each in enumerate(made) for one in data_beside(each, shared.unknowns, shared.own[k])]
+    known = checked_priors(shared.unknowns, priors, data)
+    for one in data:
+        if not np.isfinite(one.rows(shared.starts[0])[0]).all():
+            raise FitError(
+                f"{one.what.title} beside the markers: the scene cannot tell it at the start values (no equilibrium, "
+                "or modes that do not converge): see that the body is held, and start from stiffer values"
+            )
     return Evaluator(pieces, shared.unknowns, None, known, 1.0 if noise.known else 1e-4), made, shared
+
+
+def _late(parameters: Sequence[str] | None) -> bool:
+    """Whether what is fitted changes how, or when, the motion begins."""
+    names = [parameters] if isinstance(parameters, str) else list(parameters or ())
+    return any(name == DELAY.name or name.split(".")[0] in BEGINNINGS for name in names)
+
+
+def _place_prior(places: Any) -> Gaussian:
+    if isinstance(places, bool) or not isinstance(places, int | float) or not 0 < places < np.inf:
+        raise FitError(f"places is {places!r}: give the length in m to which markers' places are known, like 1e-3")
+    return Gaussian(0.0, float(places))
 
 
 def usual_scales(made: Sequence[Prepared]) -> dict[str, float]:

@@ -13,6 +13,9 @@ from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.recording import Recording
 
 ABSURD = 1e5  # m: no marker stands there
+BEYOND_DIGITS = 4.0  # times the smallest change of a coordinate: what is larger is no digit that changed
+BEYOND_STILL = 0.02  # of the motion: what moves less from row to row may stand still
+SHORT = 4  # rows
 STUCK = 3  # rows with the very same place, while it and others move
 MANY = 0.2  # share of a marker's samples; beyond, it is not outliers that are wrong
 FAR = 12.0  # times the usual scatter
@@ -28,6 +31,7 @@ def repaired(recording: Recording) -> Recording:
     flat = recording.unit == "px"  # the third coordinate of pixels is always 0
     for m, name in enumerate(recording.names):
         notes += [f"{name}: {text}" for text in _lost_codes(positions[:, m], recording, flat)]
+    notes += _frozen(positions, recording)
     notes += _exchanged(positions, recording)
     moving = _steps(positions)
     for m, name in enumerate(recording.names):
@@ -69,6 +73,28 @@ def _off_the_line(known: np.ndarray, alike: np.ndarray, good: np.ndarray) -> np.
 def _steps(positions: np.ndarray) -> np.ndarray:
     """Distances from row to row (T - 1, M), NaN beside missing samples."""
     return np.asarray(np.linalg.norm(np.diff(positions, axis=0), axis=-1))
+
+
+def _frozen(positions: np.ndarray, recording: Recording) -> Iterator[str]:
+    """Rows in which all markers stand where they stood in the row before, to the last digit, while they move before
+    and after: the camera or the export repeated a frame."""
+    steps = _steps(positions)
+    known = np.isfinite(steps)
+    size = np.where(known, steps, 0.0).max(axis=1)
+    same = known.any(axis=1) & (size == 0)
+    change = np.abs(np.diff(positions, axis=0))
+    least = max(BEYOND_DIGITS * change[change > 0].min(initial=np.inf), BEYOND_STILL * _motion(positions))
+    noisy = not (change[~same] == 0).any()  # then nothing repeats itself by chance
+    lost = np.zeros(len(positions), bool)
+    for start, end in _runs(np.concatenate([[False], same])):
+        if start < 2 or end >= len(positions):
+            continue
+        before, after = size[start - 2], size[end - 1]
+        if min(before, after) > least and (noisy or end - start <= SHORT or after > 0.5 * (end - start) * before):
+            lost[start:end] = True
+    if lost.any():
+        positions[lost] = np.nan
+        yield f"{_rows(lost, recording)} of all markers repeat the row before while they move, so they are missing"
 
 
 def _exchanged(positions: np.ndarray, recording: Recording) -> Iterator[str]:

@@ -6,10 +6,17 @@ from typing import Any
 import numpy as np
 
 from jaxfem.fitting.advice import text_of
+from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.evaluation import Visit
+from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.multistart import End, in_words
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Params, State
+
+MUCH = 4.0
+"""Standard uncertainties by which what was measured beside markers may be told otherwise."""
+ASTRAY = 0.3
+"""Share of the motion that may be left; beyond, the simulation does not follow the recording."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -19,7 +26,8 @@ class TakeFit:
     the recording, which lies in `release_interval` [s] with 95 %; `held_out`: it was not fitted, only predicted;
     `noise`: root mean square residual of a coordinate; `scatter`: what the markers scatter from sample to sample;
     `covered`: share of the samples inside their 95 % band; `autocorrelation` (K,) of the residuals, from lag 0;
-    `values`: the constants' in this take; `params` and `state` (at the release) with them in."""
+    `values`: the constants' in this take; `params` and `state` (at the release) with them in; `beside`: what else was
+    measured of it, against what the fit tells."""
 
     name: str
     held_out: bool
@@ -39,6 +47,7 @@ class TakeFit:
     params: Params
     state: State
     dt: float
+    beside: tuple[Beside, ...] = ()
 
     @property
     def worst(self) -> tuple[str, str, float]:
@@ -215,7 +224,8 @@ class FitResult:
     def summary(self) -> str:
         """Values with error bars, the misfit and all warnings, as text."""
         lines = [text_of(self.constants, self.values, self.standard_errors, self.intervals)]
-        lines += [f"  {take.line()}" for take in self.takes]
+        for take in self.takes:
+            lines += [f"  {take.line()}", *(f"    {each.line()}" for each in take.beside)]
         lines.append(f"  {self.status}, {len(self.history)} simulations, {self.iterations} of them with derivatives")
         if self.weakest:
             lines.append(f"  {self.weakest}")
@@ -225,6 +235,33 @@ class FitResult:
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)
+
+
+def beside_in_words(take: TakeFit) -> list[str]:
+    """Warnings of what was measured beside a take's markers and is told otherwise by more than it can be off."""
+    far = [each for each in take.beside if abs(each.off) > MUCH]
+    if not far:
+        return []
+    worst = max(far, key=lambda each: abs(each.off))
+    count = f" ({len(far)} such numbers)" if len(far) > 1 else ""
+    return [f"{take.name}: samples and what was measured beside them do not agree{count}: {worst.line()}"]
+
+
+def astray(take: TakeFit, measured: Measurement) -> list[str]:
+    """A warning where the simulation does not follow the recording: what is left is a good part of the motion, and no
+    scatter of samples."""
+    if not measured.seen.any():
+        return []
+    left = float(np.sqrt(np.nanmean(np.nansum(take.residuals**2, axis=-1)[measured.seen])))
+    share = left / max(measured.displacement_scale, 1e-300)
+    if share < ASTRAY or take.noise < 3 * take.scatter:
+        return []
+    marker, axis, _ = take.worst
+    return [
+        f"{take.name}: the simulation does not follow the recording, {100 * share:.0f} % of the motion are left, most "
+        f"at {marker} {axis}: the values say little. See the release, the end (another touch, or a second release, "
+        "behind it?), the supports, the loads and the places"
+    ]
 
 
 def length(value: float, unit: str) -> str:

@@ -51,12 +51,14 @@ def sensitivity(
     parameters: Sequence[str] | None = None,
     own: Sequence[str] = ("delay",),
     priors: Mapping[str, Any] | None = None,
+    places: float | None = None,
 ) -> list[Told]:
     """What the samples of each take tell about each parameter, at the scenes' own values, where they scatter by `sigma`
-    [m]. The recordings' places do not matter, only their times and gaps. FitError where they cannot be told apart.
+    [m]. The recordings' places do not matter, only their times and gaps; `parameters`, `own`, `priors`, `places` as in
+    `fit_takes`. FitError where they cannot be told apart.
     """
     noise = Noise(sigma=sigma, known=True)
-    evaluator, made, shared = assembled(takes, parameters, own, None, None, noise, priors, "warn")
+    evaluator, made, shared = assembled(takes, parameters, own, None, None, noise, priors, "warn", places)
     z = shared.starts[0]
     residual, jacobian, _ = evaluator.linear(z)
     precision = sum(np.einsum("ptmi,qtmi->pq", each, each) for each in jacobian)

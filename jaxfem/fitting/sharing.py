@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.paths import placed_constants, value_of
+from jaxfem.fitting.paths import AXES, group_constants, marker_shifts, placed_constants, shift_name, value_of
 from jaxfem.fitting.takes import Prepared
 from jaxfem.fitting.unknowns import (
     DELAY,
@@ -40,13 +40,16 @@ def shared_unknowns(
     own: Sequence[str],
     starts: Sequence[Mapping[str, float]] | None,
     bounds: Mapping[str, Any] | None,
+    more: Sequence[str] = (),
 ) -> Shared:
-    """All unknowns with their starts and bounds. FitError for strange names, starts or bounds."""
+    """All unknowns with their starts and bounds; `more` names beside those asked for. FitError for strange names,
+    starts or bounds."""
     asked = (names,) if isinstance(names, str) else names
     known = [_known(each) for each in made]
     everywhere = {name: constant for each in reversed(known) for name, constant in each.items()}
     scene = [each for each in everywhere.values() if any(each.name in one.take.model.constants for one in made)]
-    plain = chosen(tuple(usual_names(scene)) if asked is None else tuple(asked), everywhere)
+    wanted = tuple(usual_names(scene)) if asked is None else tuple(asked)
+    plain = chosen((*wanted, *(each for each in more if each not in wanted)), everywhere)
     constants, mine, values = _spread(made, plain, known, own)
     given = [{**values, **dict(each)} for each in (starts or [{}])]
     _check_starts(given, constants)
@@ -63,8 +66,16 @@ def shared_unknowns(
 
 def _known(made: Prepared) -> dict[str, Constant]:
     """All that can be fitted of a take, by name: constants of materials, the delay, then what has a path."""
-    placed = placed_constants(made.take.model, made.params, made.state)
-    return {**known_constants(made.take.model.constants.values()), **placed}
+    model = made.take.model
+    placed = {**placed_constants(model, made.params, made.state), **marker_shifts(made.markers.names, model)}
+    placed |= group_constants(made.take.groups or {}, model)
+    return {**known_constants(model.constants.values()), **placed}
+
+
+def all_shifts(made: Sequence[Prepared]) -> tuple[str, ...]:
+    """Paths of the places of all markers of these takes."""
+    names = dict.fromkeys(name for each in made for name in each.markers.names)
+    return tuple(shift_name(name, axis) for name in names for axis in AXES)
 
 
 def _spread(

@@ -131,6 +131,23 @@ class StartTurn:
 
 
 @dataclasses.dataclass(frozen=True)
+class Shift:
+    """How far the place of marker number `marker` is off the given one along an axis [m]: no number of the scene, so
+    that whoever looks at markers adds it."""
+
+    marker: int
+    axis: int
+
+    def read(self, params: Params, state: State) -> float:
+        """0, as given."""
+        return 0.0
+
+    def put(self, params: Params, state: State, value: Array) -> tuple[Params, State]:
+        """Nothing of the scene changes."""
+        return params, state
+
+
+@dataclasses.dataclass(frozen=True)
 class OfBody:
     """A material constant of soft body number `body` of `bodies`; `elements`: its elements, where there is one a
     piece. Several values change in proportion."""
@@ -161,6 +178,34 @@ class OfBody:
 
     def _own(self, held: Array) -> Array:
         return held.reshape(-1) if held.size == 1 else held[self._slice(held)]
+
+
+@dataclasses.dataclass(frozen=True)
+class Region:
+    """A material constant on some `elements`, the others keeping theirs; `owner`: the body of every element. Several
+    values change in proportion."""
+
+    name: str
+    elements: tuple[int, ...]
+    owner: tuple[int, ...]
+
+    def read(self, params: Params, state: State) -> float:
+        """Its mean."""
+        return float(np.mean(np.asarray(self._each(params))[list(self.elements)]))
+
+    def put(self, params: Params, state: State, value: Array) -> tuple[Params, State]:
+        """The value as its mean."""
+        held, where = self._each(params), np.array(self.elements)
+        mean = jnp.mean(held[where])
+        shares = jnp.where(mean == 0, 1.0, held[where] / jnp.where(mean == 0, 1.0, mean))
+        return params.replace(**{self.name: held.at[where].set((shares * value).astype(held.dtype))}), state
+
+    def _each(self, params: Params) -> Array:
+        """One value an element (E,)."""
+        held, count = jnp.asarray(params.constants[self.name]), len(self.owner)
+        if held.size == 1:
+            return jnp.broadcast_to(held.reshape(()), (count,))
+        return held if held.shape == (count,) else held[np.array(self.owner)]
 
 
 @dataclasses.dataclass(frozen=True)

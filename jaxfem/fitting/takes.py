@@ -1,12 +1,15 @@
 """Takes: recordings with the scene that each is of, prepared for a search together."""
 
 import dataclasses
+import itertools
 from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from jaxfem.fitting.before import refuse, written_faults
+from jaxfem.fitting.beside import DataOf, data_of
+from jaxfem.fitting.clamp import in_frame_of_clamp
 from jaxfem.fitting.correlation import Channels
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Piece
@@ -26,6 +29,10 @@ from jaxfem.stepping import check_call, typed
 class Take:
     """A `recording` of `markers` (attached ones, or places by name [m]) on the scene (`model`, `params`, `state`), in
     steps of about `dt` [s]; `frame`, `compare`, `release`, `end` as in `jaxfem.fit`. `name`: its word in tables.
+    `beside`: what else was measured, `Frequencies`, `Settled`, `SupportForce` and `Gauge` objects. `clamp`: markers
+    on what stands still, by name and place [m] in the body's frame: the rigid frame is found from them alone,
+    and they are compared with nothing. `groups`: numbers of elements by the name of a group, whose constants then have
+    paths of their own, young.GROUP.
     """
 
     model: Model
@@ -39,6 +46,9 @@ class Take:
     release: Any = "auto"
     end: Any = None
     name: str = "take"
+    beside: Sequence[Any] = ()
+    clamp: Mapping[str, Any] | None = None
+    groups: Mapping[str, Any] | None = None
 
 
 @dataclasses.dataclass(frozen=True)
@@ -70,19 +80,23 @@ class Prepared:
         return 6 * (self.take.frame == "all")
 
 
-def prepared(take: Take, checks: str) -> Prepared:
-    """Check and cut a take's recording. FitError where it cannot be right, unless `checks` is "warn"."""
+def prepared(take: Take, checks: str, late: bool = False) -> Prepared:
+    """Check and cut a take's recording. FitError where it cannot be right, unless `checks` is "warn". `late`:
+    what is fitted changes how, or when, the motion begins."""
     params, state = typed(take.model, take.params, take.state)  # plain numbers are fine, as in `step`
     check_call(take.model, params, state, take.dt)
     markers = take.markers if isinstance(take.markers, Markers) else attach(take.model, take.markers)
-    recording = repaired(take.recording.subset(markers.names))
+    recording, told = in_frame_of_clamp(take.recording, take.clamp, markers.names, take.frame)
+    recording = repaired(recording.subset(markers.names))
     nominal = np.asarray(marker_places(markers, state), np.float64)
     measured = measurement(
         recording, nominal, frame=take.frame, compare=take.compare, release=take.release, end=take.end
     )
-    faults, notes = written_faults(recording, measured, nominal, take.model, params, state, take.frame, take.compare)
+    scene = take.model, params, state
+    faults, notes = written_faults(recording, measured, nominal, *scene, take.frame, take.compare, late)
     faults = refuse(faults, checks)
-    return Prepared(take, params, state, markers, recording, measured, tuple(faults), (*recording.notes, *notes))
+    notes = [*recording.notes, *told, *notes]
+    return Prepared(take, params, state, markers, recording, measured, tuple(faults), tuple(notes))
 
 
 def compiled_piece(
@@ -109,6 +123,13 @@ def compiled_piece(
         take.model, made.params, made.state, made.markers, measured, plan, dt, scale, made.recording.camera
     )
     return Piece(problem, plan, np.array(columns, int))
+
+
+def data_beside(made: Prepared, unknowns: Unknowns, own: Mapping[str, Constant]) -> list[DataOf]:
+    """What was measured beside the markers of a take, as a fit evaluates it; `own` as in `compiled_piece`."""
+    take = made.take
+    scene = take.model, made.params, made.state, made.markers
+    return data_of(take.beside, scene, unknowns.names, own, made.measured.spacing, take.dt)
 
 
 def channels_of(number: int, made: Prepared, weights: np.ndarray) -> list[Channels]:
@@ -151,5 +172,20 @@ def checked_takes(takes: Sequence[Take]) -> None:
     for name in names:
         if names.count(name) > 1:
             raise FitError(f'two takes are named "{name}": give each a name of its own')
+    for one, other in itertools.combinations(takes, 2):
+        if _same(one.recording, other.recording):
+            raise FitError(
+                f'takes "{one.name}" and "{other.name}" hold the very same samples, which would count twice: leave one '
+                "out, or give it its own recording"
+            )
     if len({str(take.model.rest.dtype) for take in takes}) > 1:
         raise FitError("takes differ in precision: build all scenes in float64, or all in float32")
+
+
+def _same(one: Recording, other: Recording) -> bool:
+    """Whether markers of the same names stand at the very same places throughout."""
+    names = [name for name in one.names if name in other.names]
+    if not names or one.times.shape != other.times.shape:
+        return False
+    a, b = (each.subset(names).positions for each in (one, other))
+    return bool(np.array_equal(a, b, equal_nan=True))

@@ -11,17 +11,18 @@ from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recovery import CHECKS
 from jaxfem.fitting.unknowns import known_constants, usual_names
+from jaxfem.io.fit_beside import beside_of
 from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
-TOP_KEYS = ("scene", "recording", "take", "markers", "fit", "output")
-SEARCH_KEYS = ("multi_start", "seed", "windows", "max_memory")
+TOP_KEYS = ("scene", "recording", "take", "markers", "clamp", "beside", "fit", "output")
+SEARCH_KEYS = ("multi_start", "seed", "windows", "max_memory", "places")
 PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own", *SEARCH_KEYS)
 TABLES = ("noise", "priors", "bounds", "starts", "field")
 FIT_KEYS = (*PLAIN_KEYS, *TABLES)
 NOISE_KEYS = ("correlation", "loss", "groups", "known")
 FIELD_KEYS = ("constant", "jump", "kind")
-TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end")
+TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end", "beside")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
 MODULI = ("shear_modulus", "bulk_modulus")
@@ -32,8 +33,8 @@ class FitFile:
     """A fit as its file says: `scene`, path of the `recording` (None: to be named on the command line) and how it is
     read (`reading`: unit, rate, camera), `places` of the
     markers on the body [m], `substeps` a sample (None: the scene's time step), `settings` of `jaxfem.fit_takes`,
-    `cutting` of each `Take` (frame, compare, release, end), `folder`; `takes`: those of [[take]] tables, if any;
-    `field`: constant, jump and kind of [fit.field], None without."""
+    `cutting` of each `Take` (frame, compare, release, end, clamp, beside), `folder`; `takes`: those of
+    [[take]] tables, if any; `field`: constant, jump and kind of [fit.field], None without."""
 
     scene: SceneFile
     recording: Path | None
@@ -64,12 +65,13 @@ def load_fit(path: Any) -> FitFile:
     """Read a fit file. Relative paths in it start at its folder.
 
     Top level: `scene`, `recording`, a path or { file, unit, rate, camera } for what the file leaves open; [markers]
-    NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [fit] parameters, frame,
-    compare, release, end, substeps, sigma, checks, own, multi_start, seed, windows, max_memory,
+    NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [clamp] NAME = [x, y, z] of markers
+    that tell the frame alone; [[beside]] kind, values, sigma and more, of what else was measured; [fit] parameters,
+    frame, compare, release, end, substeps, sigma, checks, own, multi_start, seed, windows, max_memory, places,
     [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation } or { median, factor },
     [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
     [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
-    release, end; [output] folder.
+    release, end, and its own [[take.beside]]; [output] folder.
     FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
     """
     source = Path(path)
@@ -86,6 +88,9 @@ def load_fit(path: Any) -> FitFile:
     scene = load_scene(scene_path)
     try:
         settings, cutting = _settings(table, scene), _cutting(table)
+        cutting |= {"clamp": _clamp(top), "beside": beside_of(top, "")}
+        if cutting["beside"] and "take" in top:
+            raise SceneFileError("[[beside]] stands beside [[take]] tables: give each take its own [[take.beside]]")
         takes = _takes(top, source.parent, scene, cutting)
         field = _field(table)
         settings["held_out"] = tuple(each.name for each in takes if each.held_out)
@@ -134,6 +139,11 @@ def _place(markers: Table, name: str) -> Any:
     return table.text("body"), table.vector("at", unit="m")
 
 
+def _clamp(top: Table) -> dict[str, Any] | None:
+    clamp = top.table("clamp", None, "[clamp]")
+    return {name: clamp.vector(name, unit="m") for name in clamp.values} or None
+
+
 def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
     parameters = _parameters(table, scene)
     settings: dict[str, Any] = {
@@ -146,6 +156,7 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
         "seed": table.count("seed", 0),
         "windows": table.integer("windows", 1),
         "max_memory": table.number("max_memory", None, unit="GB", positive=True),
+        "places": table.number("places", None, unit="m", positive=True),
     }
     bounds = table.table("bounds", parameters, "[fit.bounds]")
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
@@ -213,6 +224,7 @@ def _takes(top: Table, folder: Path, scene: SceneFile, cutting: dict[str, Any]) 
             raise SceneFileError(f'[[take]] {number + 1} names no recording: add recording = "FILE.csv"')
         own = table.text("scene", None)
         changed = {key: value for key, value in _cutting(table).items() if key in table}
+        changed["beside"] = beside_of(table, "take.")
         found.append(
             TakeEntry(
                 name=table.text("name", Path(path).stem),

@@ -1,5 +1,6 @@
 """The numbers of a fit as JSON, and what that JSON looks like: a schema that programs may rely on."""
 
+import dataclasses
 from typing import Any
 
 import numpy as np
@@ -27,6 +28,10 @@ TAKE: dict[str, Any] = {
     "worst": {"type": "object", "required": ["marker", "axis", "residual_rms"]},
     "autocorrelation": {"type": "array", "items": NUMBER},
     "values": NAMED,
+    "beside": {
+        "type": "array",
+        "items": {"type": "object", "required": ["what", "measured", "predicted", "sigma", "unit"]},
+    },
 }
 FIELDS: dict[str, Any] = {
     "format": {"const": FORMAT},
@@ -169,4 +174,5 @@ def take_as_json(take: TakeFit) -> dict[str, Any]:
         "worst": {"marker": marker, "axis": axis, "residual_rms": rms},
         "autocorrelation": np.round(take.autocorrelation, 6).tolist(),
         "values": {name: float(value) for name, value in take.values.items()},
+        "beside": [dataclasses.asdict(each) for each in take.beside],
     }

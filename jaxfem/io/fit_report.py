@@ -14,7 +14,7 @@ import jax
 import numpy as np
 
 from jaxfem.fitting.result import FitResult, TakeFit, length
-from jaxfem.io.fit_search_page import posterior_part, waterfall_part
+from jaxfem.io.fit_search_page import beside_part, posterior_part, waterfall_part
 from jaxfem.io.fit_svg import chart, heat
 from jaxfem.io.pages import page_text
 from jaxfem.io.parts import Part
@@ -51,6 +51,7 @@ def write_report(
         *_refinements(result),
         "<h2>Misfit, fitted and held out</h2>",
         _takes(result.takes),
+        *beside_part(result.takes),
     ]
     if len(result.values) > 1:
         parts += ["<h2>Correlations</h2>", heat(list(result.values), result.correlation)]
@@ -118,10 +119,13 @@ def _table(result: FitResult) -> str:
         low, high = result.bounds[name]
         value, bar = result.values[name], result.standard_errors[name]
         near = min(abs(value - low), abs(high - value)) < 1e-3 * abs(high - low)
-        flags = [text for text, on in (("at a bound", near), ("open", bar > 0.5 * abs(value))) if on]
+        loose = np.isfinite(each.low) and bar > 0.5 * abs(value)  # of what may be zero that would say nothing
+        flags = [text for text, on in (("at a bound", near), ("open", loose)) if on]
         cells = [result.starts[name], low, high, value, bar, *result.intervals[name]]
         numbers = "".join(f"<td>{cell:.5g}</td>" if np.isfinite(cell) else "<td>open</td>" for cell in cells)
-        rows.append(f"<tr><td>{name}</td><td>{each.unit}</td>{numbers}<td class=bad>{', '.join(flags)}</td></tr>")
+        rows.append(
+            f"<tr><td>{html.escape(name)}</td><td>{each.unit}</td>{numbers}<td class=bad>{', '.join(flags)}</td></tr>"
+        )
     words = ("", "unit", "start", "lowest", "highest", "estimate", "standard uncertainty", "95 % from", "to", "")
     head = "".join(f"<th>{word}</th>" for word in words)
     return f'<table id="parameters"><tr>{head}</tr>{"".join(rows)}</table>'
@@ -132,7 +136,7 @@ def _refinements(result: FitResult) -> list[str]:
     if not result.refinements:
         return []
     names = list(result.values)
-    head = "".join(f"<th>{name}</th>" for name in names)
+    head = "".join(f"<th>{html.escape(name)}</th>" for name in names)
     bars = "".join(f"<td>{result.standard_errors[name]:.3g}</td>" for name in names)
     rows = [f"<tr><td>statistical</td><td>standard uncertainty</td>{bars}</tr>"]
     for each in result.refinements:

@@ -1,11 +1,13 @@
-"""Parts of a fit's page that tell how far its minimum can be relied on: the waterfall of all starts, the posterior."""
+"""Parts of a fit's page that tell how far it can be relied on: what was measured beside, the waterfall of starts, the
+posterior."""
 
 import html
+from collections.abc import Sequence
 
 import numpy as np
 
 from jaxfem.fitting.multistart import in_words
-from jaxfem.fitting.result import FitResult
+from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.io.fit_svg import chart
 
 BINS = 24
@@ -35,6 +37,22 @@ def waterfall_part(result: FitResult) -> list[str]:
         f'<div id="waterfall"><p>{html.escape(in_words(result.ends))}</p>{picture}<table><tr>{head}</tr>'
         f"{''.join(rows)}</table></div>",
     ]
+
+
+def beside_part(takes: Sequence[TakeFit]) -> list[str]:
+    """What was measured beside the markers, against what the fit tells; nothing where nothing was."""
+    rows = []
+    for take in takes:
+        for each in take.beside:
+            held = "held out" if take.held_out else "fitted"
+            numbers = "".join(f"<td>{value:.5g}</td>" for value in (each.measured, each.sigma, each.predicted))
+            named = "".join(f"<td>{html.escape(word)}</td>" for word in (take.name, held, each.what, each.unit))
+            rows.append(f"<tr>{named}{numbers}<td>{each.off:+.2f}</td></tr>")
+    if not rows:
+        return []
+    words = ("", "", "what", "unit", "measured", "standard uncertainty", "told", "off, in these")
+    head = "".join(f"<th>{word}</th>" for word in words)
+    return ["<h2>Measured beside the markers</h2>", f'<table id="beside"><tr>{head}</tr>{"".join(rows)}</table>']
 
 
 def posterior_part(result: FitResult) -> list[str]:

@@ -1,5 +1,9 @@
 """A commented fit file that holds every key there is."""
 
+import dataclasses
+from collections.abc import Iterator
+
+from jaxfem.fitting.beside import KINDS
 from jaxfem.io import fit_files
 from jaxfem.io.templates import Line, line, table
 
@@ -20,6 +24,7 @@ FIT: dict[str, Line] = {
     "seed": ("0", "of the drawn starts"),
     "windows": ("4", "long recordings with contacts are fitted in so many, from the beginning on"),
     "max_memory": ("1.0", "GB, of one simulation with its derivatives"),
+    "places": ("1e-3", "m, to which the markers' places are known: found with the rest"),
 }
 NOISE: dict[str, Line] = {
     "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),
@@ -40,6 +45,42 @@ RECORDING: dict[str, Line] = {
 }
 
 
+BESIDE: dict[str, dict[str, Line]] = {
+    "frequencies": {
+        "values": ("[6.2, 7.1]", "Hz"),
+        "sigma": ("0.05", "Hz, their standard uncertainty; or one each"),
+        "modes": ("[1, 2]", "which they are, from the lowest, 1; the first ones without it"),
+        "about": ('"rest"', 'where the loads leave the body; or "start"'),
+    },
+    "settled": {
+        "values": ("{ tip = [nan, nan, -0.006] }", "m, markers' displacements at rest; nan: not measured"),
+        "sigma": ("1e-4", "m"),
+        "places": ("false", "true: values are places"),
+    },
+    "support_force": {
+        "values": ("[nan, nan, -0.94]", "N, with which the body pulls at its supports at rest"),
+        "sigma": ("0.01", "N"),
+        "times": ("[0.1]", "s since the release, three values for each; at rest without it"),
+        "body": ('"block"', "its support alone"),
+        "box": ("[[0, 0, 0], [0, 0.1, 0.3]]", "m, held nodes in here alone"),
+    },
+    "gauge": {
+        "values": ("2.0e3", "in the path's unit: a pressure, say"),
+        "sigma": ("20.0", ""),
+        "path": ('"load.0"', "of what it reads, which is among the parameters"),
+    },
+}
+
+
+def _beside() -> Iterator[str]:
+    """What may be measured beside markers, each kind with what its class takes."""
+    yield "# or in a [[take]] table [[take.beside]]: what was measured beside the markers"
+    for word in KINDS.words():
+        keys = ("kind", *(each.name for each in dataclasses.fields(KINDS[word].made)))
+        known = {"kind": (f'"{word}"', "beside the markers"), **BESIDE[word]}
+        yield from list(table("# [[beside]]", keys, known, ()))[1:]
+
+
 def fit_template(scene: str = "scene.toml") -> str:
     """A fit of that scene, with all other keys in comments."""
     recording = [f"{key} = {RECORDING[key][0]}" for key in fit_files.RECORDING_KEYS]
@@ -57,6 +98,12 @@ def fit_template(scene: str = "scene.toml") -> str:
         "tip = [0.2, 0.05, 0.2]",
         '# corner = { body = "block", at = [0.1, 0, 0] }   # on a rigid body',
         "side = [0.1, 0.1, 0.15]",
+        "",
+        "# [clamp]                       # markers on what stands still, m: they tell the frame alone",
+        "# a = [0.0, 0.0, 0.0]",
+        "# b = [0.0, 0.1, 0.0]",
+        "# c = [0.0, 0.0, 0.1]",
+        *_beside(),
         *table("[fit]", fit_files.PLAIN_KEYS, FIT, ("parameters",)),
         *table("# [fit.noise]", fit_files.NOISE_KEYS, NOISE, ()),
         "# [fit.priors]                  # known before: a mean, or a median to a factor",

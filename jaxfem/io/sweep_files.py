@@ -1,8 +1,13 @@
 """Sweep files in TOML: which scene, which values, what is kept. What `jaxfem sweep` reads."""
 
 import dataclasses
+import hashlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
+
+import jax
+import numpy as np
 
 from jaxfem.inputs import REQUIRED, inputs_of
 from jaxfem.io.scene_files import SceneFile, load_scene
@@ -76,8 +81,23 @@ def load_sweep(path: Any) -> SweepFile:
         raise SceneFileError(f"{source}: {problem}") from problem
     scene = load_scene(scene_path)
     how = made["engine"], made["width"], *made["derivatives"]
-    words = repr((scene_path.read_text(encoding="utf-8"), values.get("outputs"), *how))
+    # Meshes, motions and heights come from files of their own, of which the scene's text has the names alone.
+    read = hashlib.sha256(b"".join(_numbers(scene.scene))).hexdigest()
+    words = repr((scene_path.read_text(encoding="utf-8"), read, values.get("outputs"), *how))
     return SweepFile(scene=scene, source=source, digest=digest(words, made["variants"]), **made)
+
+
+def _numbers(value: Any) -> Iterator[bytes]:
+    """All arrays of what was declared, one after another."""
+    if dataclasses.is_dataclass(value):
+        value = [getattr(value, each.name) for each in dataclasses.fields(value)]
+    elif isinstance(value, Mapping):
+        value = list(value.values())
+    if isinstance(value, list | tuple):
+        for each in value:
+            yield from _numbers(each)
+    elif isinstance(value, np.ndarray | jax.Array):
+        yield np.asarray(value).tobytes()
 
 
 def _derivatives(settings: Table) -> tuple[str, ...]:

@@ -17,11 +17,15 @@ Array = jax.Array
 
 
 class Configuration(Pytree):
-    """Positions at the start of a step: nodes (n, 3), rigid centres (b, 3) and rotations (b, 3, 3) body to world."""
+    """Positions at the start of a step: nodes (n, 3), rigid centres (b, 3) and rotations (b, 3, 3) body to world.
+
+    `dropped` (n + 2 b, 3) [m]: digits that rounding has dropped of all that (see `Carry`), None where none are kept.
+    """
 
     nodes: Array
     centers: Array
     rotations: Array
+    dropped: Array | None = None
 
     @property
     def unknowns(self) -> int:

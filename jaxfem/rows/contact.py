@@ -225,9 +225,8 @@ class SurfaceContacts(Candidates):
         """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
         placed = self.points.placed(at)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles)
-        other = SoftPoint(chosen, weights).placed(at)
-        gap, normal = gap_from(placed.position, other.position, normal, at.nodes[chosen])
-        return Pairs(gap, normal, difference(other, placed))
+        gap, normal = gap_from(placed.position, weights, normal, at.nodes[chosen])
+        return Pairs(gap, normal, difference(SoftPoint(chosen, weights).placed(at), placed))
 
 
 def contact_rows(
@@ -240,6 +239,8 @@ def contact_rows(
     pairs = candidates.pairs(at)
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
+    if at.dropped is not None:
+        pairs = pairs.replace(gap=pairs.gap + _across(normal, triples, at.dropped)[:, 0])
     approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
     on = ~(pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) >= candidates.margin)  # a NaN counts as near
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)

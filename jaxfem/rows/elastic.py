@@ -101,6 +101,7 @@ def elastic_rows(
     materials: Sequence[DomainMaterial],
     kind: RotationKind = "polar",
     turns: Array | None = None,
+    dropped: Array | None = None,
 ) -> tuple["StepRows", ...]:
     """Rows of one step, made at its `stage`; `materials`: one for each kind; `turns` (bodies, 3, 3): by how much the
     rotations of linear laws are those of later on. Of linear laws, the others' see `lawful`:
@@ -111,7 +112,7 @@ def elastic_rows(
         =>   C = 1 / (D V weight (reach + follow beta)),   c = -(e + J ahead + beta J before) / (reach + follow beta).
     For backward Euler C = 1 / (D V dt (dt + beta)), c = -e / (dt + beta) (Benevolensky & Voroshilov 2009, section 2).
     """
-    strains = domain_strains(kinds, stage.base, kind)
+    strains = domain_strains(kinds, stage.base, kind, dropped)
     ahead = strains if turns is None else turned_ahead(kinds, strains, turns)
     return tuple(
         law_rows(each, stage, material, start[1])

@@ -44,13 +44,14 @@ ASIDE = 0.1
 """Share of a triangle's size from which a point beyond its edge is no longer over it."""
 
 
-def gap_from(points: Array, feet: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
-    """Gap (m,) and normal (m, 3) of points (m, 3) from the feet on their triangles, `corners` (m, 3, 3).
+def gap_from(points: Array, weights: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
+    """Gap (m,) and normal (m, 3) of points (m, 3) from places on triangles: `weights` (m, 3) of `corners` (m, 3, 3).
 
     Along the triangle's normal; far aside of it, beyond an edge of the surface, along the way from the edge: what hangs
     over is not carried. Near the edge the triangle goes on: two faces laid edge on edge would else lose their hold.
     """
-    way = points - feet
+    # Of ways from the corners, which are short: places are rounded by their distance from the origin.
+    way = jnp.sum(weights[:, :, None] * (points[:, None] - corners), 1)
     height, square = jnp.sum(way * normal, -1), jnp.sum(way**2, -1)
     beyond, _ = aside(way, normal, corners)
     length = jnp.sqrt(jnp.where(beyond, square, 1))

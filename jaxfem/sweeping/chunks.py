@@ -3,6 +3,7 @@
 import dataclasses
 import time
 from collections.abc import Callable, Mapping, Sequence
+from functools import cached_property
 from typing import Any
 
 import jax
@@ -10,12 +11,13 @@ import numpy as np
 
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping.checks import check_call, check_rollout, typed
-from jaxfem.sweeping.derivatives import floating
+from jaxfem.sweeping.derivatives import flagged, floating
 from jaxfem.sweeping.engines import ENGINES, Engine, Task
 from jaxfem.sweeping.errors import SweepError
+from jaxfem.sweeping.order import sorted_by
 from jaxfem.sweeping.outputs import measuring
 from jaxfem.sweeping.places import STEP, place_of, stacked
-from jaxfem.sweeping.result import SweepResult
+from jaxfem.sweeping.result import SweepResult, columns
 from jaxfem.sweeping.samples import Variants, checked
 
 Array = jax.Array
@@ -27,8 +29,9 @@ Progress = Callable[[int, int, float], None]
 class Sweep:
     """A sweep that is ready to run: chunks of one fixed width, each computed by the same program.
 
-    Made as `sweep` is called, without running. `run(number)` gives what chunk `number` of `chunks` keeps: the same bits
-    each time that it is run with the same width, program and processor.
+    Made as `sweep` is called, without running. `run(number)` gives what chunk `number` of `chunks` keeps, of the
+    variants `members(number)`: the same bits each time that it is run with the same width, program and processor.
+    `order` (V,): in which variants go through chunks, where another sweep has found it already.
     """
 
     def __init__(
@@ -48,6 +51,7 @@ class Sweep:
         halvings: int = 0,
         derivatives: Sequence[str] = (),
         devices: Sequence[Any] | None = None,
+        order: np.ndarray | None = None,
     ):
         params, state = typed(model, params, state)
         self.variants: Variants = checked(variants)
@@ -62,7 +66,9 @@ class Sweep:
         self.devices = tuple(devices or jax.local_devices())
         self.engine, self.reason = chosen(self.task, engine, self.devices)
         self.count = len(next(iter(self.variants.values())))
+        self._kept, self._states = self._bytes()
         self.width = self._width(width)
+        self._order = order
         self._prepared = self.engine.prepare(self.task)
         self._compiled = self._program()
 
@@ -71,8 +77,21 @@ class Sweep:
         """How many chunks there are."""
         return -(-self.count // (self.width * len(self.devices)))
 
+    @cached_property
+    def order(self) -> np.ndarray | None:
+        """In which variants go through chunks, (V,): those that wait for each other by what they cost; else None."""
+        if self._order is not None or self.chunks == 1:
+            return self._order
+        costs = self.engine.costs(self.task, self._prepared, self.variants)
+        return None if costs is None else sorted_by(costs, self.width * len(self.devices), self._kept)
+
+    def members(self, chunk: int) -> np.ndarray:
+        """Numbers of the variants that a chunk holds, lane by lane."""
+        rows = self.rows(chunk)
+        return np.arange(rows.start, rows.stop) if self.order is None else self.order[rows.start : rows.stop]
+
     def rows(self, chunk: int) -> range:
-        """Which variants a chunk holds."""
+        """Which places in the order a chunk holds."""
         size = self.width * len(self.devices)
         return range(chunk * size, min((chunk + 1) * size, self.count))
 
@@ -81,13 +100,12 @@ class Sweep:
 
         A chunk that is not full is filled with its last variant: lanes have the same bits only at the same width.
         """
-        rows, size = self.rows(chunk), self.width * len(self.devices)
-        index = np.minimum(np.arange(rows.start, rows.start + size), rows.stop - 1)
+        own, size = self.members(chunk), self.width * len(self.devices)
+        index = own[np.minimum(np.arange(size), len(own) - 1)]
         values = {name: stacked(each[index], self.dtype) for name, each in self.variants.items()}
         made = self._compiled((self.task.model, self.task.params, self.task.state), self._prepared, values)
-        found: tuple[dict[str, np.ndarray], dict[str, np.ndarray]]
-        found = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(rows)], jax.block_until_ready(made))
-        return found
+        outputs, told = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(own)], jax.block_until_ready(made))
+        return outputs, flagged(outputs, told, self.task.derivatives)
 
     def _program(self) -> Any:
         whole = self.engine.make(self.task)
@@ -106,8 +124,7 @@ class Sweep:
                 raise SweepError(f"width is {asked!r}; give how many variants a chunk, a whole number of at least 1")
             return asked
         most = min(self.engine.width, -(-self.count // len(self.devices)))
-        kept, states = self._bytes()
-        while most > 1 and most * kept + self.engine.states_at_once(most) * states > ROOM:
+        while most > 1 and most * self._kept + self.engine.states_at_once(most) * self._states > ROOM:
             most //= 2
         return most
 
@@ -119,10 +136,17 @@ class Sweep:
         if self.task.derivatives and not floating(plain[0]):
             raise SweepError("derivatives were asked for, and no output is a floating-point number")
         kept = jax.eval_shape(self.task.one, parts, values)
+        _named(self.variants, *kept)
         # Backwards every step's state and solution are kept.
         frames = 3 * self.task.steps if self.task.derivatives else self.task.steps // self.task.every
         saved = sum(leaf.nbytes for leaf in jax.tree.leaves(self.task.state)) * frames
         return sum(leaf.size * leaf.dtype.itemsize for leaf in jax.tree.leaves(kept)), saved
+
+
+def _named(variants: Variants, outputs: Mapping[str, Any], told: Mapping[str, Any]) -> None:
+    """SweepError where two columns of a table would have one name."""
+    blank = [{name: np.broadcast_to(0, (1, *each.shape)) for name, each in group.items()} for group in (told, outputs)]
+    columns({"variant": np.zeros(1), "problem": np.zeros(1)}, {n: each[:1] for n, each in variants.items()}, *blank)
 
 
 def _takes(name: str, change: Any) -> bool:
@@ -215,7 +239,8 @@ def gathered(made: Sweep, progress: Progress | None = None) -> SweepResult:
         if progress is not None:
             each = min(times) if len(times) == 1 else sum(times[1:]) / (len(times) - 1)
             progress(made.rows(chunk).stop, made.count, each * (made.chunks - chunk - 1))
-    together: Any = jax.tree.map(lambda *leaves: np.concatenate(leaves), *parts)
+    back: Any = slice(None) if made.order is None else np.argsort(made.order)
+    together: Any = jax.tree.map(lambda *leaves: np.concatenate(leaves)[back], *parts)
     each = sum(times[1:]) / max(len(times) - 1, 1) if len(times) > 1 else times[0]
     outputs, told = together
     return SweepResult(

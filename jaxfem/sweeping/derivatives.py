@@ -3,17 +3,25 @@
 Forwards a direction is one entry of a variable, backwards one number of the outputs; each costs about a solve a step.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.solvers.status import Status, caused
+
 Array = jax.Array
 Arrays = dict[str, Array]
 BACK = 2.0
 """What a backward pass costs, in forward ones."""
+UNSOLVED = caused(
+    Status.NOT_FINITE,
+    "values are right, and a derivative of an output is not finite: the output has none there, or its solve did not "
+    "reach the tolerance (loosen that, or compute in double precision)",
+)
+"""The status of such a variant."""
 
 
 def derivative_name(output: str, variable: str) -> str:
@@ -24,6 +32,17 @@ def derivative_name(output: str, variable: str) -> str:
 def forwards(inputs: Mapping[str, Any], outputs: Mapping[str, Any]) -> bool:
     """Whether the Jacobian of arrays or shapes of one variant is found forwards."""
     return _size(inputs) <= BACK * _size(outputs)
+
+
+def flagged(
+    outputs: Mapping[str, np.ndarray], told: dict[str, np.ndarray], names: Sequence[str]
+) -> dict[str, np.ndarray]:
+    """What is told of variants, with a status for those that converged and have a derivative that is not finite."""
+    own = [each for name, each in outputs.items() if any(name.endswith(f")/d({variable})") for variable in names)]
+    if not own:
+        return told
+    finite = np.all([np.isfinite(each).reshape(len(each), -1).all(1) for each in own], axis=0)
+    return {**told, "status": np.where((told["status"] == 0) & ~finite, UNSOLVED, told["status"])}
 
 
 def floating(outputs: Mapping[str, Any]) -> dict[str, Any]:

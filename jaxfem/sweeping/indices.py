@@ -55,6 +55,8 @@ def sensitivity_indices(
         )
     found = {}
     for output, column in columns({name: np.asarray(each) for name, each in outputs.items()}).items():
+        if not np.isfinite(column).all():
+            raise SweepError(f'the output "{output}" is not finite for some variants: it has no indices')
         if not np.ptp(column) > NOTHING * np.abs(column).max():
             raise SweepError(f'the output "{output}" is the same for all variants: it has no indices')
         scaled = (column.astype(float) - column.mean()) / column.std()

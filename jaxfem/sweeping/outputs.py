@@ -170,13 +170,26 @@ def measuring(model: Model, outputs: Mapping[str, Any]) -> Callable[[Observed], 
         found = dict[str, Array]()
         for name, function in made.items():
             value = function(run)
-            if isinstance(value, Mapping):
-                found |= {f"{name}.{kind}": jnp.asarray(each) for kind, each in value.items()}
-            else:
-                found[name] = jnp.asarray(value)
+            own = (
+                {f"{name}.{kind}": each for kind, each in value.items()}
+                if isinstance(value, Mapping)
+                else {name: value}
+            )
+            for key, each in own.items():
+                if key in found:
+                    raise SweepError(f'two outputs are called "{key}": give one of them another name')
+                found[key] = _numbers(key, each)
         return found
 
     return all_of
+
+
+def _numbers(name: str, value: Any) -> Array:
+    try:
+        return jnp.asarray(value)
+    except (TypeError, ValueError):
+        kind = type(value).__name__
+        raise SweepError(f'output "{name}" gave {kind}; give an array of numbers, or several by name') from None
 
 
 def _function(model: Model, name: str, given: Any) -> Callable[[Observed], Any]:

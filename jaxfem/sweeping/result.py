@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxfem.solvers.status import describe
 from jaxfem.sweeping.derivatives import derivative_name
+from jaxfem.sweeping.errors import SweepError
 
 FEW = 12  # numbers of an output that a table shows side by side
 
@@ -70,8 +71,17 @@ class SweepResult:
 
 
 def columns(*groups: dict[str, np.ndarray]) -> dict[str, np.ndarray]:
-    """Columns of one number a row, of arrays (V, ...) with at most `FEW` numbers a row; larger ones are left out."""
-    return {name: column for group in groups for key, each in group.items() for name, column in _split(key, each)}
+    """Columns of one number a row, of arrays (V, ...) with at most `FEW` numbers a row; larger ones are left out.
+
+    SweepError where two have one name.
+    """
+    found = dict[str, np.ndarray]()
+    for key, each in (pair for group in groups for pair in group.items()):
+        for name, column in _split(key, each):
+            if name in found:
+                raise SweepError(f'two columns of the table are called "{name}": give that output another name')
+            found[name] = column
+    return found
 
 
 def _split(name: str, values: np.ndarray) -> Iterator[tuple[str, np.ndarray]]:

@@ -42,26 +42,34 @@ def latin_hypercube(ranges: Mapping[str, Any], count: int, seed: int = 0) -> Var
 def table(source: Any) -> Variants:
     """Variants of a CSV file whose head has the names, or of a mapping name -> (V, ...) values."""
     if isinstance(source, Mapping):
-        return checked({name: np.asarray(each) for name, each in source.items()})
+        return checked(source)
     path = Path(source)
     if not path.is_file():
         raise SweepError(f"there is no table {path}: give a CSV file with the names of the variables in its first line")
     import csv
 
-    with path.open(newline="", encoding="utf-8") as file:
-        head, *rows = [row for row in csv.reader(file) if row]
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:  # spreadsheets begin a file with a mark
+            lines = [row for row in csv.reader(file) if row]
+    except (UnicodeDecodeError, csv.Error) as problem:
+        raise SweepError(f"{path} is no CSV file of UTF-8 text: {problem}") from None
+    if len(lines) < 2:
+        raise SweepError(f"{path} has no variants: its first line names the variables, and each further one is one")
+    head, *rows = [name.strip() for name in lines[0]], *lines[1:]
+    if len(set(head)) < len(head):
+        raise SweepError(f"the first line of {path} names a variable twice: {', '.join(head)}")
+    if any(len(row) != len(head) for row in rows):
+        raise SweepError(f"the rows of {path} do not all have the {len(head)} cells of its head")
     try:
         numbers = np.array([[float(cell) for cell in row] for row in rows])
     except ValueError as problem:
         raise SweepError(f"{path} holds what is no number: {problem}") from None
-    if numbers.ndim != 2 or numbers.shape[1] != len(head):
-        raise SweepError(f"the rows of {path} do not all have the {len(head)} cells of its head")
-    return checked({name.strip(): numbers[:, place] for place, name in enumerate(head)})
+    return checked({name: numbers[:, place] for place, name in enumerate(head)})
 
 
 def checked(variants: Mapping[str, Any]) -> Variants:
     """The variants as arrays of one length; SweepError where there is none, or lengths differ."""
-    made = {name: np.atleast_1d(np.asarray(each)) for name, each in variants.items()}
+    made = {name: _array(name, each) for name, each in variants.items()}
     lengths = {name: len(each) for name, each in made.items()}
     if not lengths or not min(lengths.values()):
         raise SweepError("a sweep needs at least one name with at least one value, like {'young': [1e5, 2e5]}")
@@ -72,6 +80,15 @@ def checked(variants: Mapping[str, Any]) -> Variants:
         if each.dtype.kind not in "fiu":
             raise SweepError(f'the values of "{name}" are no numbers but {each.dtype}')
     return made
+
+
+def _array(name: Any, values: Any) -> np.ndarray:
+    if not isinstance(name, str) or not name:
+        raise SweepError(f"{name!r} is no name of a variable: give a word, like young or gravity[2]")
+    try:
+        return np.atleast_1d(np.asarray(values))
+    except ValueError:  # ragged
+        raise SweepError(f'the values of "{name}" have not all one shape') from None
 
 
 def _counted(count: Any) -> int:

@@ -6,6 +6,8 @@ import hashlib
 import json
 import os
 import platform
+import zipfile
+import zlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any
@@ -25,7 +27,7 @@ MANIFEST, FOLDER = "manifest.json", "shards"
 @dataclasses.dataclass(frozen=True)
 class Manifest:
     """What a folder's shards are of: `digest` of the definition, `count` of variants, `width` of a shard, the `engine`
-    and the `reason` for it, the sample's `seed`."""
+    and the `reason` for it, the sample's `seed`; in which `order` shards hold variants, None: their own."""
 
     digest: str
     count: int
@@ -33,11 +35,26 @@ class Manifest:
     engine: str
     reason: str
     seed: int | None = None
+    order: tuple[int, ...] | None = None
 
     @property
     def shards(self) -> int:
         """How many files there are in the end."""
         return -(-self.count // self.width)
+
+    def rows(self, shard: int) -> range:
+        """Which places in the order a shard holds."""
+        return range(shard * self.width, min((shard + 1) * self.width, self.count))
+
+    def members(self, shard: int) -> np.ndarray:
+        """Numbers of the variants that a shard holds, row by row."""
+        rows = self.rows(shard)
+        return np.arange(rows.start, rows.stop) if self.order is None else np.array(self.order[rows.start : rows.stop])
+
+    def text(self) -> str:
+        """As JSON, the order in one line."""
+        found = {name: value for name, value in dataclasses.asdict(self).items() if name != "order"}
+        return f'{json.dumps(found, indent=2)[:-2]},\n  "order": {json.dumps(self.order)}\n}}\n'
 
 
 def digest(definition: str, variants: Variants) -> str:
@@ -49,19 +66,25 @@ def digest(definition: str, variants: Variants) -> str:
     return found.hexdigest()[:16]
 
 
-def write_manifest(folder: Path, manifest: Manifest, fresh: bool) -> None:
-    """Begin a folder, or go on in one: SweepError where what is there is of another sweep. `fresh` removes that."""
-    (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-    path = folder / MANIFEST
-    if fresh:
-        for old in (folder / FOLDER).glob("shard_*"):
-            old.unlink()
-    elif path.is_file() and (found := read_manifest(folder)).digest != manifest.digest:
+def begun(folder: Path, digest: str) -> Manifest | None:
+    """The manifest of a sweep that was begun in a folder, None where none was; SweepError where it is of another."""
+    if not (folder / MANIFEST).is_file():
+        return None
+    found = read_manifest(folder)
+    if found.digest != digest:
         raise SweepError(
-            f"{folder} holds shards of another sweep, or of other files ({found.digest}, not {manifest.digest}): "
+            f"{folder} holds shards of another sweep, or of other files ({found.digest}, not {digest}): "
             "give --force to begin anew, or --out FOLDER for another place"
         )
-    _replace(path, (json.dumps(dataclasses.asdict(manifest), indent=2) + "\n").encode())
+    return found
+
+
+def write_manifest(folder: Path, manifest: Manifest) -> None:
+    """Begin a folder; shards that are there go."""
+    (folder / FOLDER).mkdir(parents=True, exist_ok=True)
+    for old in (folder / FOLDER).glob("shard_*"):
+        old.unlink()
+    _replace(folder / MANIFEST, manifest.text().encode())
 
 
 def read_manifest(folder: Path) -> Manifest:
@@ -69,7 +92,11 @@ def read_manifest(folder: Path) -> Manifest:
     path = folder / MANIFEST
     if not path.is_file():
         raise SweepError(f"there is no {path}: the sweep was not begun")
-    return Manifest(**json.loads(path.read_text(encoding="utf-8")))
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+        return Manifest(**{**found, "order": None if found["order"] is None else tuple(found["order"])})
+    except (ValueError, KeyError, TypeError):
+        raise SweepError(f"{path} is no manifest of this version: give --force to begin anew") from None
 
 
 def shard_path(folder: Path, number: int) -> Path:
@@ -86,34 +113,46 @@ def work(made: Sweep, folder: Path, manifest: Manifest, numbers: Iterable[int]) 
     """Compute these shards and write each: its number when it is there. All that a worker does, wherever it runs."""
     for number in numbers:
         outputs, told = made.run(number)
-        write_shard(shard_path(folder, number), manifest, made.rows(number), outputs, told)
+        write_shard(shard_path(folder, number), manifest, number, outputs, told)
         yield number
 
 
-def write_shard(path: Path, manifest: Manifest, rows: range, outputs: dict[str, Any], told: dict[str, Any]) -> None:
+def write_shard(path: Path, manifest: Manifest, number: int, outputs: dict[str, Any], told: dict[str, Any]) -> None:
     """One file: values, statuses, and by what they were computed. The same values give the same bytes."""
     words = {int(code): describe(int(code)) for code in np.unique(told["status"])}
-    about = {"digest": manifest.digest, "rows": [rows.start, rows.stop], "statuses": words, "made_by": made_by()}
+    members = manifest.members(number).tolist()
+    about = {"digest": manifest.digest, "variants": members, "statuses": words, "made_by": made_by()}
     arrays = {f"out:{name}": each for name, each in outputs.items()} | {f"told:{n}": each for n, each in told.items()}
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
-    with temporary.open("wb") as file:
-        np.savez(file, about=np.array(json.dumps(about)), **arrays)
-        file.flush()
-        os.fsync(file.fileno())
-    os.replace(temporary, path)
+    temporary = _temporary(path)
+    try:
+        with temporary.open("wb") as file:
+            np.savez(file, about=np.array(json.dumps(about)), **arrays)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(temporary, path)
+    finally:  # a disk that is full
+        temporary.unlink(missing_ok=True)
 
 
-def read_shard(path: Path, manifest: Manifest) -> tuple[range, dict[str, np.ndarray], dict[str, np.ndarray], Any]:
-    """(rows, outputs, told, about) of a file; SweepError where it is of another sweep."""
-    with np.load(path) as saved:
-        about = json.loads(str(saved["about"]))
-        if about["digest"] != manifest.digest:
-            raise SweepError(f"{path} is of another sweep ({about['digest']}): give --force to begin anew")
-        parts: list[dict[str, np.ndarray]] = [
-            {name.partition(":")[2]: saved[name] for name in saved.files if name.startswith(kind)}
-            for kind in ("out:", "told:")
-        ]
-    return range(*about["rows"]), parts[0], parts[1], about
+def read_shard(
+    folder: Path, manifest: Manifest, number: int
+) -> tuple[dict[str, np.ndarray], dict[str, np.ndarray], Any]:
+    """(outputs, told, about) of a shard; SweepError where its file is damaged, of another sweep or of others."""
+    path = shard_path(folder, number)
+    try:
+        with np.load(path) as saved:
+            about = json.loads(str(saved["about"]))
+            parts: list[dict[str, np.ndarray]] = [
+                {name.partition(":")[2]: saved[name] for name in saved.files if name.startswith(kind)}
+                for kind in ("out:", "told:")
+            ]
+    except (OSError, ValueError, KeyError, EOFError, zipfile.BadZipFile, zlib.error) as problem:
+        raise SweepError(f"{path} cannot be read ({problem}): remove it, and run the sweep again") from None
+    if about["digest"] != manifest.digest:
+        raise SweepError(f"{path} is of another sweep ({about['digest']}): give --force to begin anew")
+    if (own := about["variants"]) != manifest.members(number).tolist():
+        raise SweepError(f"shard {number} holds variants from {min(own)} on, and others were due: remove {path}")
+    return parts[0], parts[1], about
 
 
 def made_by() -> dict[str, str]:
@@ -141,6 +180,11 @@ def _processor() -> str:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    temporary = path.with_name(f"{path.name}.{os.getpid()}.part")
+    temporary = _temporary(path)
     temporary.write_bytes(content)
     os.replace(temporary, path)
+
+
+def _temporary(path: Path) -> Path:
+    """Beside a file, what no other process of any machine writes."""
+    return path.with_name(f"{path.name}.{platform.node()}.{os.getpid()}.part")

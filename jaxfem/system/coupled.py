@@ -28,6 +28,7 @@ from jaxfem.rows.bounds import Friction
 from jaxfem.rows.contact import Gaps, contact_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
+from jaxfem.system.carry import dropped_of
 from jaxfem.system.impacts import gaps_of, island_slots, with_impacts
 from jaxfem.system.momentum import turns_ahead
 from jaxfem.system.names import contact_name, friction_name, joint_name
@@ -189,8 +190,9 @@ def configuration(state: State) -> Configuration:
     """Where everything is at the start of the step."""
     if state.rigid is None:
         zero = jnp.zeros((0, 3), state.positions.dtype)
-        return Configuration(state.positions, zero, jnp.zeros((0, 3, 3), zero.dtype))
-    return Configuration(state.positions, state.rigid.positions, quaternion_to_matrix(state.rigid.orientations))
+        return Configuration(state.positions, zero, jnp.zeros((0, 3, 3), zero.dtype), dropped_of(state))
+    rotations = quaternion_to_matrix(state.rigid.orientations)
+    return Configuration(state.positions, state.rigid.positions, rotations, dropped_of(state))
 
 
 def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> Array:

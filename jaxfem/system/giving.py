@@ -72,4 +72,7 @@ def _codes(kind: str, names: tuple[str, ...], count: int) -> np.ndarray:
     return np.repeat(own, -(-count // len(own)))[:count]
 
 
-_WHY = "which carries too much beside a body so light: make light bodies heavier, or compute in double precision"
+_WHY = (
+    "which carries too much, beside a body so light or between things that do not give way: make light bodies heavier, "
+    "compute in double precision, or see what presses"
+)

@@ -6,8 +6,9 @@ and what r, or elastic rows linearised at a deformed shape, leave of that is tak
 Where positions move along the new velocities, x1 = x0 + dt v, this is the angular momentum of the end too:
 sum x1 x M v = sum x0 x M v.
 
-Bodies that push each other move as one in this, so that what holds between them holds still. Bodies that are pushed
-from outside, and such with rigid bodies among them, are not turned.
+Bodies that push each other move as one in this, so that what holds between them holds still. What is pushed from
+outside is not turned, nor shifted against what holds it: along the push, or where there is friction at all. The next
+step would have to take that back. Nor is turned what has rigid bodies in it.
 """
 
 from typing import NamedTuple
@@ -40,12 +41,13 @@ lost; of schemes whose positions move straight along the new velocities, and of 
 
 
 class _Groups(NamedTuple):
-    """Which bodies move as one: `of` (p,) for each point, their `number`, and for each group whether nothing
-    `holds` it and whether nothing outside `pushes` or holds it (g,)."""
+    """Which bodies move as one: `of` (p,) for each point, their `number`, and for each group (g,), as 0 or 1, whether
+    no joint or support holds it, `loose`, whether nothing outside pushes it either, `free`, and is it soft, `alone`."""
 
     of: Array
     number: int
     loose: Array
+    free: Array
     alone: Array
 
     def sums(self, values: Array) -> Array:
@@ -70,6 +72,8 @@ def kept(model: Model, system: System, places: Array, velocities: Array, impulse
     if system.shared_mass is not None and system.before is not None:
         defect = defect + system.shared_mass.apply(velocities - system.before)
     shift = -_divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
+    bound = shift if system.friction else _along(shift, groups.sums(push))
+    shift = shift - bound * (1 - groups.free)[:, None]
     change = shift[groups.of]
     if model.scheme.straight:
         arm = _arms(groups, mass[:nodes], places)
@@ -132,7 +136,7 @@ def _soft_bodies(model: Model) -> _Groups:
     assert model.drifting is not None
     count = len(model.bodies)
     loose = model.drifting.loose[:count]
-    return _Groups(model.drifting.body[: model.nodes], count, loose, loose)
+    return _Groups(model.drifting.body[: model.nodes], count, loose, loose, loose)
 
 
 def spin_loss(model: Model, params: Params, before: State, after: State, dt: Array, forces: Array | None) -> Array:
@@ -178,14 +182,15 @@ def _groups(drifting: Drifting, push: Array, size: Array, tied: bool) -> _Groups
     """Each body that no row pushes is a group, and so are those together that rows may tie."""
     body, count = drifting.body, drifting.loose.shape[0] // 2
     if not tied:
-        return _Groups(body, count, drifting.loose[:count], drifting.loose[:count] * drifting.soft[:count])
-    bodies = _Groups(body, count, drifting.loose[:count], drifting.loose[:count])
+        loose = drifting.loose[:count]
+        return _Groups(body, count, loose, loose, loose * drifting.soft[:count])
+    bodies = _Groups(body, count, *[drifting.loose[:count]] * 3)
     touched = bodies.sums(size[:, None])[:, 0] > 0
     number = jnp.arange(count, dtype=body.dtype)
-    groups = _Groups(jnp.where(touched, count + drifting.together, number)[body], 2 * count, drifting.loose, size)
+    groups = _Groups(jnp.where(touched, count + drifting.together, number)[body], 2 * count, *[drifting.loose] * 3)
     net = jnp.linalg.norm(groups.sums(jax.lax.stop_gradient(push)), axis=1)
     inner = net <= PUSHED[net.dtype.itemsize > 4] * groups.sums(size[:, None])[:, 0]
-    return groups._replace(alone=drifting.loose * drifting.soft * inner)
+    return groups._replace(free=drifting.loose * inner, alone=drifting.loose * drifting.soft * inner)
 
 
 def _arms(groups: _Groups, mass: Array, places: Array) -> Array:
@@ -212,6 +217,12 @@ def _spins(inertia: Array, torque: Array) -> Array:
     shifted = inertia + jnp.where(size > 0, 100 * jnp.finfo(size.dtype).eps * size, 1) * axes
     found: Array = jnp.linalg.solve(shifted, torque[:, :, None])[:, :, 0]
     return found
+
+
+def _along(vectors: Array, axes: Array) -> Array:
+    """The parts of vectors (g, 3) along `axes` (g, 3) of any length."""
+    square = jnp.sum(axes**2, -1, keepdims=True)
+    return jnp.sum(vectors * axes, -1, keepdims=True) * axes / jnp.where(square > 0, square, 1)
 
 
 def _divided(values: Array, mass: Array) -> Array:

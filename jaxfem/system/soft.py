@@ -107,7 +107,8 @@ def step_system(
     stage = stage if around is None else stage.moved_to(jnp.where(free, around, prescribed))
     load = stage.weight * external_force(model, params, stage.base, forces)
     materials = step_materials(model, params, state, dt, stage)
-    elastic = elastic_rows(model.domains, stage, materials, model.rotation_kind, turns)
+    dropped = None if state.carry is None else state.carry.nodes
+    elastic = elastic_rows(model.domains, stage, materials, model.rotation_kind, turns, dropped)
     system = System(
         elastic=elastic,
         mass=mass,

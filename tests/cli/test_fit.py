@@ -126,7 +126,7 @@ def test_settings_are_read(folder):
     text = FIT.replace("[output]", extra).replace("[fit]", '[fit]\nframe = "all"\nend = "settled"\nsubsteps = 3')
     (folder / "full.toml").write_text(text)
     text = text.replace('"recording.csv"', '{ file = "r.csv", unit = "mm", rate = 100 }').replace(
-        "[fit]", '[fit]\nchecks = "warn"\nmulti_start = 8\nwindows = 3\nmax_memory = 0.5'
+        "[fit]", '[fit]\nchecks = "warn"\nmulti_start = 8\nwindows = 3\nmax_memory = 0.5\nplaces = 1e-3'
     )
     (folder / "full.toml").write_text(text)
     file = load_fit(folder / "full.toml")
@@ -134,7 +134,7 @@ def test_settings_are_read(folder):
     assert file.settings["checks"] == "warn"
     assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
     assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.cutting["end"] == "settled"
-    assert {key: file.settings[key] for key in SEARCH_KEYS} == dict(zip(SEARCH_KEYS, (8, 0, 3, 0.5), strict=True))
+    assert {key: file.settings[key] for key in SEARCH_KEYS} == dict(zip(SEARCH_KEYS, (8, 0, 3, 0.5, 1e-3), strict=True))
 
 
 WATCHED = """<script>
@@ -231,3 +231,44 @@ def test_the_example_of_the_real_beam(data, tmp_path, capsys):
     assert 1.5e-3 < found["values"]["damping"] < 4e-3
     assert found["residual_rms_m"] < 4e-4 and found["release_s"] == pytest.approx(0.65)
     assert "warning" in capsys.readouterr().out
+
+
+def test_what_stands_beside_markers_is_read(folder, capsys):
+    """[clamp], places and [[beside]], of one recording and of each take; a whole fit with the weight on a load cell."""
+    beside = '[[beside]]\nkind = "support_force"\nvalues = [nan, nan, -0.945]\nsigma = 0.01\n'
+    clamp = "[clamp]\na = [0, 0, 0]\nb = [0, 0.1, 0]\nc = [0, 0, 0.1]\n"
+    text = FIT.replace("[fit]", f"{clamp}{beside}[fit]\nplaces = 1e-3")
+    (folder / "beside.toml").write_text(text)
+    file = load_fit(folder / "beside.toml")
+    assert file.cutting["clamp"]["b"] == (0, 0.1, 0) and file.settings["places"] == 1e-3
+    assert [type(each).__name__ for each in file.cutting["beside"]] == ["SupportForce"]
+    own = beside.replace("[[beside]]", "[[take.beside]]")
+    takes = FIT.replace('recording = "recording.csv"', "").replace(
+        "[output]", f'[[take]]\nrecording = "recording.csv"\n{own}[[take]]\nname = "b"\nrecording = "b.csv"\n[output]'
+    )
+    (folder / "beside.toml").write_text(takes)
+    assert [len(each.cutting["beside"]) for each in load_fit(folder / "beside.toml").takes] == [1, 0]
+    for wrong, message in (
+        (takes.replace("[fit]", f"{beside}[fit]"), "give each take its own [[take.beside]]"),
+        (text.replace("support_force", "suport_force"), "did you mean 'support_force'"),
+        (text.replace("sigma = 0.01", "sigma = -1"), "one positive number in N"),
+        (text.replace("places = 1e-3", "places = -1"), "'places' in [fit]"),
+        (text, 'no marker "a"'),
+    ):
+        (folder / "beside.toml").write_text(wrong)
+        assert main(["fit", str(folder / "beside.toml"), "--force"]) == 2
+        assert message in capsys.readouterr().err
+
+
+@pytest.mark.slow
+def test_a_load_cell_beside_the_markers_weighs_the_beam(folder, tmp_path):
+    weight = 0.1 * 0.03 * 0.03 * 1070.0 * 9.81
+    beside = f'[[beside]]\nkind = "support_force"\nvalues = [nan, nan, {-weight}]\nsigma = 0.01\n'
+    text = FIT.replace("[fit]", f"{beside}[fit]").replace('"damping"]', '"damping", "density"]')
+    (folder / "cell.toml").write_text(text.replace("[output]", "[fit.starts]\ndensity = 1300.0\n[output]"))
+    assert main(["fit", str(folder / "cell.toml"), "--no-plots", "--out", str(tmp_path)]) == 0
+    found = json.loads((tmp_path / "fitted.json").read_text())
+    jsonschema.validate(found, SCHEMA)
+    assert found["values"] == pytest.approx({"young": 2e5, "damping": 3e-3, "density": 1070.0}, rel=1e-3)
+    assert found["takes"][0]["beside"][0]["unit"] == "N" and found["standard_errors"]["density"] > 5
+    assert 'id="beside"' in (tmp_path / "report.html").read_text()

@@ -148,6 +148,7 @@ def test_what_takes_contradict_is_refused(beam):
     for takes, settings, message in (
         ([], {}, "no take"),
         ([take, take], {}, 'two takes are named "take"'),
+        ([take, dataclasses.replace(take, name="again")], {}, "the very same samples"),
         ([take], {"held_out": "other"}, 'no take "other"'),
         ([take], {"held_out": "take"}, "all takes are held out"),
         ([take], {"noise": Noise(), "sigma": 1e-4}, "sigma is given beside noise"),
@@ -210,6 +211,8 @@ def test_held_values_and_marker_places_add_what_refits_show(beam):
     off = dataclasses.replace(take, markers=attach(beam.model, moved))
     change = fit_takes([off], parameters=("young", "damping"), search=QUICK).values["young"] - found.values["young"]
     assert 0.5 * abs(change) < markers.shift["young"] < 10 * abs(change) and markers.by == "1 mm each"
+    along, _, up = (each.shift["young"] / 2e5 for each in contributions(found, geometry=0.01))
+    assert 0.02 < along < 0.05 and -0.04 < up < -0.01  # of slender beams it sags by L^4 / (E h^2), here less slender
     for held, message in (({"young": 0.1}, "young was fitted"), ({"friction": 0.1}, 'no constant "friction"')):
         with pytest.raises(FitError, match=message):
             contributions(found, held)

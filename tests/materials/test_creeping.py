@@ -107,12 +107,13 @@ def test_derivatives_lanes_and_counts(strain):
 
     def tip(yield_strain, creep, young=1.0):
         own = params.replace(yield_strain=yield_strain, creep=creep, young=2e5 * young)
-        return 1e2 * pressed(scene, own, 2e-2, 0.1, 0.14)[0]
+        moved, info = pressed(scene, own, 2e-2, 0.1, 0.14)
+        return 1e2 * moved, info
 
-    check(lambda *v: tip(*v), (0.01, 12.0, 1.0), h=1e-6)
-    alone, creeps = jax.jit(lambda creep: tip(0.01, creep)), jnp.array([0.0, 5.0, 40.0])
-    np.testing.assert_allclose(jax.jit(jax.vmap(lambda c: tip(0.01, c)))(creeps), [alone(c) for c in creeps], atol=1e-9)
-    info = pressed(scene, params, 2e-2, 0.1, 0.14)[1]
+    run, creeps = check(tip, (0.01, 12.0, 1.0), h=1e-6, has_aux=True), jnp.array([0.0, 5.0, 40.0])
+    lanes = jax.jit(jax.vmap(lambda creep: tip(0.01, creep)[0]))(creeps)
+    np.testing.assert_allclose(lanes, [run(0.01, creep, 1.0)[0] for creep in creeps], atol=1e-9)
+    _, info = run(0.01, 12.0, 1.0)
     assert int(info.counts["flowing"][0]) > 0 and [each is None for each in scene[2].internal].count(False) == 1
 
 

@@ -1,10 +1,10 @@
 """The condensed route with extra rows: the row solver's answer and derivative, on random scenes and at special ones."""
 
-import derivatives
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from derivatives import Parted
 from row_scenes import free_beam, random_scene, solved, system_of
 
 from jaxfem.methods import Condensed, Mprgp
@@ -106,16 +106,15 @@ def test_derivatives_agree_with_differences():
     material, start, rows = random_scene(5, model, params, state)
     weights = np.random.default_rng(1).normal(size=state.positions.shape)
 
+    @Parted
     def loss(t):
         changed = material.replace(young=material.young * jnp.exp(t), density=material.density * jnp.exp(-t))
         velocities, impulses, _ = solve_rows(model, changed, start, rows, 0.1 * t)
         return jnp.vdot(weights, velocities) + jnp.sum(impulses[2])
 
-    everything = jax.jit(lambda t: derivatives.with_slopes(loss, t, direction=(1.0,)))
-    _, forward, (backward,) = everything(0.0)
-    h = 1e-5
+    forward, (backward,), h = loss.forwards(0.0, direction=(1.0,)), loss.backwards(0.0), 1e-5
     np.testing.assert_allclose(forward, backward, rtol=1e-8)
-    np.testing.assert_allclose(forward, (everything(h)[0] - everything(-h)[0]) / (2 * h), rtol=1e-6)
+    np.testing.assert_allclose(forward, (loss(h) - loss(-h)) / (2 * h), rtol=1e-6)
 
 
 def test_a_row_that_touches_without_force_is_counted():

@@ -38,11 +38,11 @@ def test_derivatives_through_a_limit_and_every_lane_of_a_batch():
         limits = jf.impulses(model, states)["joint angle limit rigid-rigid"]
         return states.rigid.positions[-1, 1, 2] + states.rigid.velocities[-1, 1, 0], jnp.abs(limits).max()
 
-    assert end(1.0, 1.0)[1] > 0
-    derivatives.check(lambda *values: end(*values)[0], (1.0, 1.0))
+    run = derivatives.check(end, (1.0, 1.0), has_aux=True)
+    assert run(1.0, 1.0)[1] > 0
     factors = jnp.array([1.0, 4.0])
     batch = jax.vmap(end)(factors, factors)[0]
-    np.testing.assert_allclose(batch, [end(f, f)[0] for f in factors], rtol=1e-9)
+    np.testing.assert_allclose(batch, [run(f, f)[0] for f in factors], rtol=1e-9)
 
 
 @pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])

@@ -140,10 +140,10 @@ def test_derivatives_and_lanes(binding):
         given |= {} if binding == "exact" else dict(binding=k * binding)
         return 10 * jf.rollout(model, params.replace(**given), state, DT, 3)[0].velocities[-1, -1, 2]
 
-    check(tip, values)
+    run = check(tip, values)
     lanes = [each * np.array(values) for each in (0.8, 1.3)]
     both = jax.jit(jax.vmap(tip))(*np.stack(lanes, 1))
-    np.testing.assert_allclose(both, [tip(*each) for each in lanes], rtol=1e-9)
+    np.testing.assert_allclose(both, [run(*each) for each in lanes], rtol=1e-9)
 
 
 def test_a_driven_end_and_two_bodies():

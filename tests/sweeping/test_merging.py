@@ -17,11 +17,11 @@ def written(tmp_path):
     """Three shards of five variants: the folder, a large output (5, 4, 3, 3) and a small one (5,)."""
     rng = np.random.default_rng(0)
     path, end = rng.normal(size=(5, 4, 3, 3)), rng.normal(size=5)
-    write_manifest(tmp_path, MANIFEST, False)
+    write_manifest(tmp_path, MANIFEST)
     for number, (a, b) in enumerate(((0, 2), (2, 4), (4, 5))):
         told = {name: np.zeros(b - a, int) for name in ("status", "iterations", "residual", "inverted")}
         told["status"][0] = number == 1
-        write_shard(shard_path(tmp_path, number), MANIFEST, range(a, b), {"path": path[a:b], "end": end[a:b]}, told)
+        write_shard(shard_path(tmp_path, number), MANIFEST, number, {"path": path[a:b], "end": end[a:b]}, told)
     return tmp_path, path, end
 
 
@@ -54,7 +54,7 @@ def test_what_is_wrong(written):
     with pytest.raises(jf.SweepError, match="1 of 3 shards are missing"):
         merge(folder, MANIFEST, YOUNG)
     shard.write_bytes(shard_path(folder, 0).read_bytes())
-    with pytest.raises(jf.SweepError, match="holds variants from 0 on, not from 2"):
+    with pytest.raises(jf.SweepError, match="shard 1 holds variants from 0 on, and others were due"):
         merge(folder, MANIFEST, YOUNG)
     shard.write_bytes(kept)
     with pytest.raises(jf.SweepError, match="of another sweep"):

@@ -86,15 +86,8 @@ def test_derivative_of_a_sliding_distance(method):
         ends = states.positions[-1] if soft else states.rigid.positions[-1]
         return jnp.mean(ends @ jnp.array([1.0, 0.3, 0.0]))
 
-    if soft:
-        derivatives.check(distance, (1.0, 1.0), rtol=1e-5)
-        return
-    # The corners' shares are known to the trace of compliance: forwards and backwards agree to a hundredth of that.
-    backward = jax.grad(distance, (0, 1))(1.0, 1.0)
-    for i, step in enumerate(1e-4 * np.eye(2)):
-        central = (distance(*(1 + step)) - distance(*(1 - step))) / 2e-4
-        forward = jax.jvp(distance, (1.0, 1.0), tuple(step / 1e-4))[1]
-        np.testing.assert_allclose([forward, backward[i]], [central, central], rtol=1e-5)
+    # A rigid box's corners share by the trace of compliance: forwards and backwards agree to a hundredth of that.
+    derivatives.check(distance, (1.0, 1.0), rtol=1e-5, agree=1e-8 if soft else 1e-5)
 
 
 def test_rectangles_stand_in_their_discs():

@@ -3,7 +3,7 @@
 import re
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.formats.base import Format, Request
+from jaxfem.fitting.formats.base import Format, Request, check_once
 from jaxfem.fitting.formats.content import Content, blank, separator_of, table
 from jaxfem.fitting.recording import Recording
 
@@ -33,6 +33,8 @@ class Anipose(Format, word="anipose"):
         header, data = rows[0][1], rows[1:]
         if len(data) < 2:
             raise FitError(f"{where} holds {len(data)} rows of samples; a motion needs at least two")
+        for cell in header:
+            check_once(where, cell, "", [each for each in header if each == cell][1:])
         parts = dict.fromkeys(m[1] for cell in header if not FRAME.fullmatch(cell) and (m := PART.fullmatch(cell)))
         for name in parts:
             missing = [f"{name}_{axis}" for axis in "xyz" if f"{name}_{axis}" not in header]

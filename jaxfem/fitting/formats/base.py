@@ -2,7 +2,7 @@
 
 import dataclasses
 import pathlib
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from typing import Any, ClassVar
 
 import numpy as np
@@ -109,3 +109,9 @@ def short_names(names: Sequence[str]) -> list[str]:
 def clipped(words: Sequence[str], most: int = 8) -> str:
     """A list for a message, cut where it is long."""
     return ", ".join(words[:most]) + (f", ... ({len(words)} in all)" if len(words) > most else "")
+
+
+def check_once(where: str, name: str, axis: str, there: Collection[str]) -> None:
+    """FitError where a marker's name, or its `axis`, is `there` already: two markers of one name cannot be told."""
+    if (axis or name) in there:
+        raise FitError(f'{where}: two markers are named "{name}": rename one in the capture software and export again')

@@ -114,6 +114,7 @@ def number(text: str, comma: bool = False) -> float:
         return float("nan")
     if comma and DECIMAL_COMMA.fullmatch(text):
         text = text.replace(",", ".")
+    text = text.replace("\N{MINUS SIGN}", "-")
     if "_" in text:  # Python's own grouping of digits is nobody's number format
         raise ValueError(text)
     return float(text)
@@ -129,9 +130,10 @@ def table(where: str, rows: list[tuple[int, list[str]]], columns: list[tuple[int
                 try:
                     values[r, c] = number(cells[place], comma)
                 except ValueError:
+                    clock = ":" in cells[place]
+                    cure = "give times in s, as numbers" if clock else "leave missing samples blank"
                     raise FitError(
-                        f'{where}, line {line}, column "{name}": {cells[place]!r} is not a number; leave missing '
-                        "samples blank"
+                        f'{where}, line {line}, column "{name}": {cells[place]!r} is not a number; {cure}'
                     ) from None
     return values
 

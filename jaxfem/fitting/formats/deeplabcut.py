@@ -3,7 +3,7 @@
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.formats.base import Format, Request
+from jaxfem.fitting.formats.base import Format, Request, check_once
 from jaxfem.fitting.formats.content import Content, blank, separator_of, table
 from jaxfem.fitting.recording import Recording
 
@@ -38,7 +38,10 @@ class DeepLabCut(Format, word="deeplabcut"):
         several = len(set(owners[1:])) > 1
         for k, (owner, part, what) in enumerate(zip(owners, heads["bodyparts"], heads["coords"], strict=False)):
             if k:
-                found.setdefault(f"{owner}:{part}" if several else part, {})[what.lower()] = k
+                name = f"{owner}:{part}" if several else part
+                own = found.setdefault(name, {})
+                check_once(where, name, what.lower(), own)
+                own[what.lower()] = k
         names = [name for name, each in found.items() if {"x", "y"} <= set(each)]
         if not names:
             raise FitError(f"{where} has no part with coords x and y")

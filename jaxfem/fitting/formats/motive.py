@@ -3,7 +3,7 @@
 import csv
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.formats.base import Format, Request, clipped, short_names
+from jaxfem.fitting.formats.base import Format, Request, check_once, clipped, short_names
 from jaxfem.fitting.formats.content import Content, blank, separator_of, table
 from jaxfem.fitting.recording import Recording
 
@@ -72,7 +72,10 @@ def _markers(where: str, rows: list[list[str]], axes: list[str]) -> tuple[dict[s
         if axes[k].upper() not in ("X", "Y", "Z") or what[k].lower() != "position":
             continue
         if padded[kinds][k].lower() == "marker":
-            found.setdefault(named[k], {})[axes[k].upper()] = k
+            own = found.setdefault(named[k], {})
+            if "unlabeled" not in named[k].lower():
+                check_once(where, named[k], axes[k].upper(), own)
+            own[axes[k].upper()] = k
         else:
             left.setdefault(padded[kinds][k], set()).add(named[k])
     loose = [name for name in found if "unlabeled" in name.lower()]

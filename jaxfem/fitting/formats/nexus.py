@@ -1,7 +1,7 @@
 """Vicon Nexus's CSV export (ASCII): the section Trajectories, its rate, names, axes and units."""
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.formats.base import Format, Request, short_names
+from jaxfem.fitting.formats.base import Format, Request, check_once, short_names
 from jaxfem.fitting.formats.content import Content, blank, separator_of, table
 from jaxfem.fitting.recording import Recording
 
@@ -64,10 +64,11 @@ def _rate(text: str) -> float | None:
 def _columns(where: str, names: list[str], axes: list[str]) -> dict[str, list[int]]:
     """Columns X, Y, Z of each marker: a name stands above its first."""
     starts = [k for k, cell in enumerate(names) if cell]
-    found = {}
+    found: dict[str, list[int]] = {}
     for k, after in zip(starts, [*starts[1:], len(axes)], strict=True):
         own = {axes[c].upper(): c for c in reversed(range(k, min(after, len(axes))))}
         if all(axis in own for axis in "XYZ"):
+            check_once(where, names[k], "", found)
             found[names[k]] = [own[axis] for axis in "XYZ"]
     if not found:
         raise FitError(f"{where}: no marker has columns X, Y and Z: export trajectories with all components")

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats import units
 from jaxfem.fitting.formats.base import Format, Request, clipped
-from jaxfem.fitting.formats.content import DECIMAL_COMMA, Content, blank, separator_of, table
+from jaxfem.fitting.formats.content import DECIMAL_COMMA, Content, blank, number, separator_of, table
 from jaxfem.fitting.recording import AXES, Recording
 
 UNIT = r"(?:[ _]*[\[(]?(?P<unit>[A-Za-zµμ]+)[\])]?)?"
@@ -33,7 +33,7 @@ class Plain(Format, word="plain"):
         lines = _marked_off(content.lines)
         separator = separator_of([line for _, line in lines])
         split = dict(enumerate(content.rows(separator), 1))
-        rows = [(number, split[number]) for number, _ in lines if not blank(split[number])]
+        rows = [(line, split[line]) for line, _ in lines if not blank(split[line])]
         if not rows:
             raise FitError(f"{content.path} is empty: its first row must name the {SHAPE}")
         header = _header(rows[0][1], rows[1:])
@@ -65,6 +65,8 @@ class Plain(Format, word="plain"):
     ) -> tuple[tuple[int, float, str], dict[str, list[tuple[int, float, str]]], list[str]]:
         """(place, scale, unit) of the time, and of x, y, z of each marker; notes."""
         path, time, places, counters = content.path, None, dict[str, dict[str, tuple[int, float, str]]](), list[int]()
+        if all(_is_number(column) for column in header):
+            raise FitError(f"{path} begins with numbers: its first row must name the {SHAPE}")
         repeated = [column for column in header if column and header.count(column) > 1]
         if repeated:
             raise FitError(f'{path}: column "{repeated[0]}" is there twice')
@@ -94,6 +96,14 @@ class Plain(Format, word="plain"):
         if not places:
             raise FitError(f"{path} holds no marker: give at least one, as columns NAME_x_m, NAME_y_m, NAME_z_m")
         return time, {name: [axes[axis] for axis in AXES] for name, axes in places.items()}, notes
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        number(cell, True)
+        return True
+    except ValueError:
+        return False
 
 
 def _by_frames(path: object, header: Sequence[str], counters: list[int], asked: Request) -> tuple[int, float, str]:
@@ -126,9 +136,9 @@ def _header(cells: list[str], rows: list[tuple[int, list[str]]]) -> list[str]:
 
 
 def _check_widths(where: str, header: list[str], rows: list[tuple[int, list[str]]], separator: str) -> None:
-    for number, row in rows:
+    for line, row in rows:
         if len(row) < len(header) or any(row[len(header) :]):
             hint = "; a decimal comma needs another separator, a semicolon say" if separator == "," else ""
             raise FitError(
-                f"{where}, line {number}: {len(row)} cells where the first row names {len(header)} columns{hint}"
+                f"{where}, line {line}: {len(row)} cells where the first row names {len(header)} columns{hint}"
             )

@@ -1,10 +1,11 @@
 """What an engine is: a way to compute all variants of a chunk, chosen with `sweep(engine=...)`."""
 
 import dataclasses
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import jax
+import numpy as np
 
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.registry import Registry
@@ -102,6 +103,10 @@ class Engine:
 
     def prepare(self, task: Task) -> Any:
         """What all chunks share, made once on the host."""
+        return None
+
+    def costs(self, task: Task, prepared: Any, variants: Mapping[str, np.ndarray]) -> np.ndarray | None:
+        """What each variant costs, (V,) up to a factor, where those of a chunk wait for each other; else None."""
         return None
 
     def make(self, task: Task) -> Callable[[tuple[Model, Params, State], Any, dict[str, Array]], Kept]:

@@ -1,22 +1,26 @@
 """Soft bodies on CPUs with lanes last: see `jaxfem.sweeping.lanes`."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
 
 import jax
+import numpy as np
 
+from jaxfem.elements.domains import Domains
 from jaxfem.elements.mass import is_diagonal
 from jaxfem.elements.tetra import has_energy
 from jaxfem.methods.base import solves_as_it_is
 from jaxfem.model import Model, Params, State
 from jaxfem.sweeping.engines.base import Engine, Kept, Task
 from jaxfem.sweeping.lanes.body import Body, body_of
+from jaxfem.sweeping.lanes.costs import deformations
 from jaxfem.sweeping.lanes.derivatives import run_with_derivatives
 from jaxfem.sweeping.lanes.run import begin, frames, keep
+from jaxfem.sweeping.places import stacked
 from jaxfem.system.names import contact_name, friction_name, joint_name
 
 Array = jax.Array
-LARGEST = 3000  # free directions, beyond which all modes are too dear to find and to use
+LARGEST = 30_000  # free directions, beyond which nothing was measured
 
 
 class LanesLast(Engine):
@@ -32,15 +36,15 @@ class LanesLast(Engine):
     def refuses(self, task: Task) -> str | None:
         """What is not written with lanes last."""
         model, state = task.model, task.state
+        shared = not is_diagonal(model.mass)
         linear = not model.nonlinear and not model.has_memory
         rigid, others = model.rigid is not None, model.coupled and {*(state.memory or {})} != _groups(model)
         reasons = {
             "takes soft bodies, with joints and contacts or without, and this scene has rigid ones": rigid,
             f'takes joints and contacts by a method that keeps their impulses alone, not "{model.method.name}"': others,
             "takes laws that are linear and without a memory, and this scene has another": not linear,
-            "takes strain of elements, and this scene smooths it": not all(each.by_element for each in model.domains),
-            "takes one law for all bodies": len(model.domains) != 1,
-            "takes lumped masses": not is_diagonal(model.mass),
+            "takes strain of elements, and this scene smooths it": not all(map(_by_element, model.domains)),
+            "takes bodies that something holds, where masses are not lumped": shared and model.drifting is not None,
             "takes the nearest rotation": not has_energy(model.rotation_kind),
             f'takes methods that solve the step as it is, not "{model.method.name}"': not solves_as_it_is(model.method),
             f'takes schemes that know of lanes, not "{model.scheme.name}"': not model.scheme.lanes,
@@ -59,6 +63,14 @@ class LanesLast(Engine):
         """Connectivity and modes."""
         return body_of(task.model, task.params)
 
+    def costs(self, task: Task, prepared: Body, variants: Mapping[str, np.ndarray]) -> np.ndarray:
+        """How far each variant will be deformed: the further, the more iterations."""
+        values = {name: stacked(each, task.model.rest.dtype) for name, each in variants.items()}
+        found = jax.jit(lambda *given: deformations(task, *given))(
+            (task.model, task.params, task.state), prepared, values
+        )
+        return np.asarray(found)
+
     def make(self, task: Task) -> Callable[[Any, Any, Any], Kept]:
         """Of the whole chunk."""
 
@@ -69,6 +81,11 @@ class LanesLast(Engine):
             return keep(task, parts[0], body, begun, *frames(task, parts[0], body, begun))
 
         return run
+
+
+def _by_element(domains: Domains) -> bool:
+    """Whether they are elements, all or some."""
+    return domains.whole and domains.clusters is None and (domains.members is None or domains.members.shape[1] == 1)
 
 
 def _groups(model: Model) -> set[str]:

@@ -6,9 +6,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.elements.mass import consistent_share
 from jaxfem.model import Model, Params, element_stiffness, nodal_mass, per_element
 from jaxfem.pytrees import Pytree, on_device, static
 from jaxfem.sweeping.lanes.loose import Loose, loose_of
+from jaxfem.sweeping.lanes.modes import ALL, Rest, all_modes, group_modes
 
 Array = jax.Array
 RUNS = 4  # rectangles of equal width that padded sums are cut into
@@ -22,9 +24,9 @@ class Body(Pytree):
     `corners` (E + 1, 4): one more element that is nothing pads the sums, with F = I by `nothing` (E + 1, 3, 3, 1).
     `gradients` (E + 1, 4, 3, 1), `volumes` (E + 1, 1). `touch`: rows 4 e + a of the corners that meet at each node, in
     rectangles, `touch_back` (n,): where each node is in them. `around` (nf, 4): elements around each free node.
-    `frequencies` (3 nf, 1) squared and `shapes` (3 nf, 3 nf), in single precision, of the modes at rest of the
-    `stiffness` and `density` () that a lane's are compared with. `sure` (): true, which the compiler does not know.
-    `loose`: which bodies nothing holds, None without such.
+    `frequencies` (m, 1) squared and `shapes` (3 nf, m), in single precision, of the modes at rest of the `stiffness`
+    and `density` () that a lane's are compared with; `complete`: whether they are all, so that nothing is needed beside
+    them. `sure` (): true, which the compiler does not know. `loose`: which bodies nothing holds, None without such.
     """
 
     corners: Array
@@ -43,6 +45,7 @@ class Body(Pytree):
     sure: Array
     loose: Loose | None
     free: int = static()
+    complete: bool = static()
 
     def fence(self, values: Any) -> Any:
         """`values()`, computed once and stored.
@@ -67,13 +70,22 @@ def body_of(model: Model, params: Params) -> Body:
     mass = np.asarray(nodal_mass(model, params.density), np.float64)[order]
     shear = float((deviatoric * volumes).sum() / volumes.sum())
     density = float((np.asarray(per_element(model, params.density)) * volumes).sum() / volumes.sum())
-    squared, shapes = _modes(gradients, volumes, cells, mass / density, count, volumetric / shear, deviatoric / shear)
+    moduli = volumetric / shear, deviatoric / shear
+    rest = Rest(gradients, volumes, cells, mass / density, count, *moduli, consistent_share(model.mass))
+    if 3 * count <= ALL:
+        squared, shapes = all_modes(rest)
+    else:
+        squared, shapes = group_modes(
+            rest, np.asarray(model.rest, np.float64)[order], np.asarray(model.node_body)[order]
+        )
     elements, nodes = len(cells), len(order)
     owner = cells.ravel()
     by_count = np.argsort(-np.bincount(owner, minlength=nodes), kind="stable")
     touch = padded(np.argsort(by_count)[owner], np.arange(4 * elements), nodes, 4 * elements)
     nothing = (np.arange(elements + 1) == elements)[:, None, None, None] * np.eye(3)[..., None]
-    around = [np.flatnonzero((cells == node).any(1)) for node in range(count)]
+    around = np.split(np.argsort(owner, kind="stable") // 4, np.cumsum(np.bincount(owner, minlength=nodes))[:-1])[
+        :count
+    ]
     spread = [each[np.linspace(0, len(each) - 1, AROUND).round().astype(int)] for each in around]
     return Body(
         corners=on_device(np.concatenate([cells, 0 * cells[:1]]), np.int32),
@@ -92,27 +104,8 @@ def body_of(model: Model, params: Params) -> Body:
         sure=jnp.bool_(True),
         loose=loose_of(model, order),
         free=count,
+        complete=3 * count <= ALL,
     )
-
-
-def _modes(
-    g: np.ndarray, volumes: np.ndarray, cells: np.ndarray, mass: np.ndarray, free: int, bulk: Any, shear: Any
-) -> tuple[np.ndarray, np.ndarray]:
-    """Eigenvalues (3 nf,) and vectors of the stiffness at rest against mass; `bulk`, `shear` (E,): 3K and 2 mu."""
-    import scipy.linalg
-
-    mu, lam = shear / 2, (bulk - shear) / 3
-    outer = np.einsum("eai,ebj->eaibj", g, g)
-    own = np.einsum("eakbk,ij->eaibj", outer, np.eye(3))
-    local = lam[:, None, None, None, None] * outer + mu[:, None, None, None, None] * (
-        outer.transpose(0, 1, 4, 3, 2) + own
-    )
-    full = np.zeros((3 * len(mass), 3 * len(mass)))
-    dof = (3 * cells[:, :, None] + np.arange(3)).reshape(len(g), 12)
-    local = (local * volumes[:, None, None, None, None]).reshape(-1, 12, 12)
-    np.add.at(full, (dof[:, :, None], dof[:, None]), local)
-    values, vectors = scipy.linalg.eigh(full[: 3 * free, : 3 * free], np.diag(np.repeat(mass[:free], 3)))
-    return np.maximum(values, 0), vectors
 
 
 def padded(owner: np.ndarray, item: np.ndarray, rows: int, pad: int) -> list[np.ndarray]:

@@ -29,7 +29,7 @@ from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.sweeping.lanes.beside import Impulses, lanewise, on_free_nodes
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.increments import Effort, Equation, Frames, inertia, left, operators, stiffness
-from jaxfem.sweeping.lanes.kernels import AXES, diagonal_blocks, product
+from jaxfem.sweeping.lanes.kernels import AXES, diagonal_blocks, product, times
 from jaxfem.sweeping.lanes.solve import Linear, Outcome, norm, solve
 from jaxfem.system.soft import System
 from jaxfem.tensors import inverse_blocks
@@ -238,7 +238,7 @@ def _with_rows(body: Body, matrix: Linear, rows: tuple[PointRows, ...], held: St
         return rows.apply_transpose(stiffness * rows.apply(x))
 
     def apply(x: Array) -> Array:
-        whole = matrix(x) + _times(body, held.single, x)
+        whole = matrix(x) + times(body, held.single, x)
         for each, k in zip(rows, held.several, strict=True):
             whole = whole if k is None else whole + lanewise(pushed)(each, k, x)
         return whole
@@ -250,14 +250,8 @@ def _preconditioner(body: Body, modes: Linear, held: Stiffened) -> Linear:
     """See the head of this file."""
 
     def apply(x: Array) -> Array:
-        found = modes(_times(body, held.through, x))
+        found = modes(times(body, held.through, x))
         back: Array = body.fence(lambda: sum(held.through[:, j] * found[:, j, None] for j in AXES))
-        return _times(body, held.own, x) + back
+        return times(body, held.own, x) + back
 
     return apply
-
-
-def _times(body: Body, blocks: Array, x: Array) -> Array:
-    """One product of 3x3 blocks (n, 3, 3, lanes) a node."""
-    found: Array = body.fence(lambda: sum(blocks[:, :, j] * x[:, j, None] for j in AXES))
-    return found

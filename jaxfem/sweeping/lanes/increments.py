@@ -15,9 +15,9 @@ from jaxfem.schemes import Stage
 from jaxfem.solvers.differentiation import solved
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.force import Strained, elastic_force
-from jaxfem.sweeping.lanes.kernels import CYCLES, pairing, strain_force
+from jaxfem.sweeping.lanes.kernels import CYCLES, diagonal_blocks, inverses, pairing, strain_force, tied, times
 from jaxfem.sweeping.lanes.momentum import of_elements, of_nodes
-from jaxfem.sweeping.lanes.solve import Linear, Outcome, modal, norm, solve
+from jaxfem.sweeping.lanes.solve import SINGLE, Linear, Outcome, modal, norm, refined, solve
 
 Array = jax.Array
 
@@ -26,6 +26,7 @@ class Lane(Pytree):
     """What of a variant does not change in a run: `lam`, `mu`, `beta` (E + 1, lanes) or (1, lanes), `mass`
     (n, 1, lanes), `weight` (n, 3, lanes) [N], and relative to the body's modes the mean `stiffness` and `density`
     (lanes,), with the mean `damping` [s]. `drag` (n, 1, lanes) [1/s]: mass-proportional damping, None without.
+    `shared` (E + 1, lanes) [kg]: what ties the corners of elements where masses are not lumped, else None.
     """
 
     lam: Array
@@ -37,6 +38,7 @@ class Lane(Pytree):
     density: Array
     damping: Array
     drag: Array | None = None
+    shared: Array | None = None
 
 
 class Frames(Pytree):
@@ -52,13 +54,15 @@ class Frames(Pytree):
 
 class Equation(Pytree):
     """What a step's solution depends on: the scheme's `stage`, the `lane`, weight and loads as impulses `load`, and the
-    `velocities` (n, 3, lanes) from which the increment leads; `ahead`: that of the frames, with its derivative."""
+    `velocities` (n, 3, lanes) from which the increment leads; `ahead`: that of the frames, with its derivative;
+    `known` (n, 3, lanes): velocities before the step, of held nodes too, where masses are not lumped."""
 
     stage: Stage
     lane: Lane
     load: Array
     velocities: Array
     ahead: Array | None
+    known: Array | None = None
 
 
 class Effort(Pytree):
@@ -93,8 +97,13 @@ def left(body: Body, frames: Frames, equation: Equation, change: Array | None) -
     force = elastic_force(body, frames.turned, strained)
     if lane.drag is not None:
         force = force + lane.mass * lane.drag * rate
-    found: Array = (lane.mass * (stage.start - v) + equation.load - stage.weight * force)[:free]
-    return found
+    found = lane.mass * (stage.start - v) + equation.load - stage.weight * force
+    if lane.shared is not None and equation.known is not None:
+        change = v - equation.known
+        found = found - tied(
+            body, lane.shared, change if lane.drag is None else change + stage.weight * lane.drag * rate
+        )
+    return found[:free]
 
 
 def _turned_on(body: Body, frames: Frames, equation: Equation) -> tuple[Array, Array | None]:
@@ -133,9 +142,16 @@ def operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, L
     def matrix(p: Array) -> Array:
         gradient = pairing(body, jnp.concatenate([p, still]), frames.turned)
         found: Array = mass * p + strain_force(body, frames.turned, gradient, lam, mu)[:free]
-        return found
+        if lane.shared is None:
+            return found
+        felt = p if lane.drag is None else p * (1 + stage.weight * lane.drag * stage.follow)[:free]
+        return found + tied(body, lane.shared, jnp.concatenate([felt, still]))[:free]
 
-    return matrix, modal(body, frames.rotations, *_relative(body, stage, lane))
+    modes = modal(body, frames.rotations, *_relative(body, stage, lane))
+    if body.complete:
+        return matrix, modes
+    near = inverses(body, diagonal_blocks(body, frames.turned, lam, mu, inertia(stage, lane)))
+    return matrix, lambda x: modes(x) + times(body, near, x)
 
 
 def _relative(body: Body, stage: Stage, lane: Lane) -> tuple[Array, Array]:
@@ -166,17 +182,34 @@ def _mean(value: Array) -> Array:
 def _solve(body: Body, frames: Frames, equation: Equation, effort: Effort) -> tuple[Array, Outcome]:
     b = left(body, frames, equation, None)
     target = jnp.maximum(effort.tolerance * norm(b), effort.floor)
-    return solve(*operators(body, frames, equation), b, target, effort.asked, effort.limit)
+    return _linear(body, frames, equation)(b, target, effort)
 
 
-def _change(found: Array, _: Outcome, arguments: Any, pushed: Callable[[Callable[..., Any]], Any]) -> Array:
+def _linear(body: Body, frames: Frames, equation: Equation) -> Callable[[Array, Array, Effort], tuple[Array, Outcome]]:
+    """Function of (b, target, effort) that solves with the step's matrix."""
+    matrix, precondition = operators(body, frames, equation)
+    if frames.turned.dtype == SINGLE:
+        return lambda b, target, effort: solve(matrix, precondition, b, target, effort.asked, effort.limit)
+
+    def single(leaf: Any) -> Any:
+        return jnp.asarray(leaf, SINGLE) if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else leaf
+
+    low = operators(*jax.tree.map(single, (body, frames, equation)))
+    return lambda b, target, effort: refined(matrix, precondition, low, b, target, effort.asked, effort.limit)
+
+
+def _change(found: Array, __: Outcome, arguments: Any, pushed: Callable[[Callable[..., Any]], Any]) -> Array:
     body, frames, equation, effort = arguments
     right = pushed(lambda body, frames, equation, effort: left(body, frames, equation, found))
-    matrix, precondition = operators(body, frames, equation)
+    matrix, _ = operators(body, frames, equation)
+    linear = _linear(body, frames, equation)
 
-    def solution(product: Linear, b: Array) -> Array:
-        x, outcome = solve(product, precondition, b, effort.tolerance * norm(b), effort.asked, effort.limit)
-        return jnp.where(outcome.converged | ~effort.asked, x, jnp.nan)
+    def solution(_: Linear, b: Array) -> Array:
+        # Squares of what is small in SI units are lost in single precision: b has a size of 1.
+        size = jnp.abs(b).max((0, 1))
+        size = jnp.where(size > 0, size, 1)
+        x, outcome = linear(b / size, effort.tolerance * norm(b / size), effort)
+        return jnp.where(outcome.converged | ~effort.asked, size * x, jnp.nan)
 
     change: Array = jax.lax.custom_linear_solve(matrix, right, solution, symmetric=True)
     return change

@@ -135,6 +135,32 @@ def _axis(like: Array, j: int) -> Array:
     return jnp.eye(3, dtype=like.dtype)[j][:, None]
 
 
+def inverses(body: Body, blocks: Array) -> Array:
+    """Of symmetric blocks (n, 3, 3, lanes), by cofactors."""
+
+    def found() -> Array:
+        cofactors = [cross(blocks[:, i], blocks[:, j]) for i, j in CYCLES]
+        whole = (blocks[:, 0] * cofactors[0]).sum(1)
+        return jnp.stack(cofactors, 2) / whole[:, None, None]
+
+    made: Array = body.fence(found)
+    return made
+
+
+def times(body: Body, blocks: Array, x: Array) -> Array:
+    """One product of 3x3 blocks (n, 3, 3, lanes) a node."""
+    found: Array = body.fence(lambda: sum(blocks[:, :, j] * x[:, j, None] for j in AXES))
+    return found
+
+
+def tied(body: Body, share: Array, x: Array) -> Array:
+    """What masses that are not lumped add to M x, (n, 3, lanes): of each element `share` (E + 1, lanes) times the sum
+    over its corners b of x_b - x_a. See `elements/mass.py`."""
+    corners = body.fence(lambda: x[body.corners])
+    rows = body.fence(lambda: share[:, None, None] * (corners.sum(1, keepdims=True) - 4 * corners))
+    return nodal_sum(body, rows.reshape(-1, *rows.shape[2:]))
+
+
 def corner_rows(body: Body, stress: Array, turned: Array) -> Array:
     """T r_a of each corner, (4 E, 3, lanes)."""
     rows: Array = body.fence(lambda: sum(stress[:, None, :, j] * turned[:, :, None, j] for j in AXES))

@@ -74,3 +74,52 @@ def solve(
     left = norm(r)
     good = (left <= target) & ~active
     return x, Outcome(k, jnp.where(size > 0, left / jnp.where(size > 0, size, 1), 0), good, jnp.isfinite(size + target))
+
+
+SINGLE = jnp.float32
+DIGITS = 1e-4
+"""To which share of a residual a correction in single precision is found."""
+NEARER = 0.7
+"""Of the target: to what the last correction is found, since it is in single precision."""
+HELPS = 0.1
+"""To which share of the last residual a correction must lead for another to follow."""
+
+
+def refined(
+    matrix: Linear,
+    precondition: Linear,
+    single: tuple[Linear, Linear],
+    b: Array,
+    target: Array,
+    asked: Array,
+    limit: Array,
+) -> tuple[Array, Outcome]:
+    """As `solve`, in double precision: residuals in double, corrections by `single`, (matrix, precondition) of which
+    each trip takes half the time; in double too where they do not lead on (Wilkinson 1963; Moler 1967)."""
+
+    def trip(state: Any) -> Any:
+        x, r, before, going, k = state
+        size = jnp.abs(r).max((0, 1))
+        size = jnp.where(size > 0, size, 1)
+        wanted = jnp.maximum(NEARER * target, DIGITS * before) / size
+        found, how = solve(*single, (r / size).astype(SINGLE), wanted.astype(SINGLE), going, limit)
+        following = x + jnp.where(going, size * found.astype(x.dtype), 0)
+        rest = b - matrix(following)
+        left = norm(rest)
+        better = going & (left < before)
+        x, r = jnp.where(better, following, x), jnp.where(better, rest, r)
+        on = better & (left > target) & (left < HELPS * before)
+        return x, r, jnp.where(better, left, before), on, k + how.iterations
+
+    size = norm(b)
+    start = jnp.zeros_like(b), b, size, asked & (size > target), jnp.zeros(b.shape[-1], jnp.int32)
+    x, r, left, _, k = jax.lax.while_loop(lambda s: s[3].any() & (s[4].max() < limit), trip, start)
+    missing = asked & ~(left <= target)
+
+    def on() -> Any:
+        more, how = solve(matrix, precondition, r, target, missing, limit)
+        return x + more, how.residual * left, k + how.iterations
+
+    x, left, k = jax.lax.cond(missing.any(), on, lambda: (x, left, k))
+    good, whole = left <= target, jnp.where(size > 0, size, 1)
+    return x, Outcome(k, left / whole, good, jnp.isfinite(size + target))

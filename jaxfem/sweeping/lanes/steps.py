@@ -10,8 +10,9 @@ from collections import OrderedDict
 import jax
 import jax.numpy as jnp
 
+from jaxfem.elements.mass import consistent_share, is_diagonal
 from jaxfem.loads import load_force
-from jaxfem.model import Model, Params, State, domain_materials, nodal_mass, per_element
+from jaxfem.model import Model, Params, State, element_damping, element_stiffness, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.solvers.status import Status
@@ -57,8 +58,7 @@ class Told(Pytree):
 
 def lane_of(model: Model, body: Body, params: Params) -> Lane:
     """The numbers of one variant, without the axis of lanes."""
-    (material,) = domain_materials(model, params)
-    numbers = material.volumetric, material.deviatoric, material.damping
+    numbers = *element_stiffness(model, params), element_damping(model, params)
     volumetric, deviatoric, beta = (jnp.atleast_1d(jnp.asarray(v, model.rest.dtype)) for v in numbers)
     share = model.elements.volumes / model.elements.volumes.sum()
 
@@ -79,7 +79,13 @@ def lane_of(model: Model, body: Body, params: Params) -> Lane:
         density=mean(per_element(model, params.density)) / body.density,
         damping=mean(beta),
         drag=nodal_drag(model, params)[body.order][:, None] if model.dragged else None,
+        shared=None if is_diagonal(model.mass) else _shared(model, params),
     )
+
+
+def _shared(model: Model, params: Params) -> Array:
+    share = consistent_share(model.mass) / 20 * per_element(model, params.density) * model.elements.volumes
+    return jnp.append(share, jnp.zeros_like(share[:1]))
 
 
 def first(model: Model, body: Body, params: Params, state: State, failed: Array) -> Moving:
@@ -113,7 +119,8 @@ def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: A
     effort = Effort(model.tolerance, jax.lax.stop_gradient(floor), model.max_iterations, at.failed == 0)
     angle = None if body.loose is None else angles(body.loose, lane.mass, at.positions, at.velocities, dt)
     ahead = turns_ahead(angle) if angle is not None and model.scheme.straight else None
-    equation = Equation(stage, lane, load, v, ahead)
+    known = None if lane.shared is None else jnp.where(free, stage.start, at.velocities)
+    equation = Equation(stage, lane, load, v, ahead, known)
     v, impulses, outcome = _solved(model, body, _frames(body, r, ahead), equation, at, beside, effort)
     ended, now = _ended(model, body, at, dt, free, v, impulses, outcome, inverted, impact)
     # As elsewhere, a step that turned too far or gave way is taken, and has the status.

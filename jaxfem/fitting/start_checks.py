@@ -1,0 +1,62 @@
+"""Does a recording hold one motion from its start, seen by a camera that stands still? By what no body does."""
+
+import numpy as np
+
+from jaxfem.fitting.measurement import Measurement
+from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.release import scatter
+
+LATE = 3.0  # times the fall within a row; a release that lies a row before is half of it
+ALIKE = 0.2  # of a leap: how much markers may differ in it
+SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
+
+
+def late_faults(measured: Measurement, gravity: float | None) -> list[str]:
+    """A body that is let go is at rest at first, and then falls by no more than g t^2 / 2: one that moves faster was
+    let go before. `gravity` [m/s^2]: what sets it in motion, from rest; None: something else does."""
+    both = measured.seen[:2].all(axis=0) if len(measured.times) > 1 else np.zeros(0, bool)
+    if not gravity or not both.any():
+        return []
+    seconds = float(measured.times[1] - measured.times[0])
+    steps = np.linalg.norm(measured.positions[1] - measured.positions[0], axis=-1)[both]
+    noise = np.sqrt(6) * max(_noise(measured.positions[:, m], measured.seen[:, m]) for m in np.flatnonzero(both))
+    fall = 0.5 * gravity * seconds**2
+    if steps.max() <= LATE * fall + 2.5 * noise:
+        return []
+    return [
+        f"the release: markers move by {1e3 * steps.max():.3g} mm in the first {seconds:.3g} s, where a body that is "
+        f"let go falls by {1e3 * fall:.2g} mm: it moves already. Give release = TIME of the last row in which it is "
+        "held; where the recording begins later, record again"
+    ]
+
+
+def camera_faults(recording: Recording, held: bool) -> list[str]:
+    """All markers leap the same way from one row to the next, as no body does that is held: the camera was knocked."""
+    places = recording.positions
+    if not held or places.shape[1] < 3 or len(places) < 8 or recording.unit == "px":
+        return []
+    steps = np.diff(places, axis=0)
+    known = np.isfinite(steps).all(axis=-1)
+    enough = known.sum(axis=1) >= 3
+    usual = np.zeros((len(steps), 3))
+    usual[enough] = np.nanmedian(np.where(known[..., None], steps, np.nan)[enough], axis=1)
+    size = np.linalg.norm(usual, axis=1)
+    away = np.where(known, np.linalg.norm(steps - usual[:, None], axis=-1), 0.0).max(axis=1)
+    noise = np.sqrt(6) * max(_noise(places[:, m], recording.seen[:, m]) for m in range(places.shape[1]))
+    padded = np.pad(size, 2, mode="edge")
+    around = np.max([padded[k : k + len(size)] for k in (0, 1, 3, 4)], axis=0)
+    leaps = enough & (size > 4 * noise) & (size > SUDDEN * around) & (away < ALIKE * size + 3 * noise)
+    rows = np.flatnonzero(leaps[2:-2]) + 2
+    if not rows.size:
+        return []
+    at = int(rows[0])
+    return [
+        f"the camera: all markers leap by {1e3 * size[at]:.3g} mm, the same way, at {recording.times[at + 1]:g} s, as "
+        "a body that is held cannot: the camera or the frame of the recording changed there. End the recording "
+        "before it (end = TIME), begin after it, or record again"
+    ]
+
+
+def _noise(places: np.ndarray, seen: np.ndarray) -> float:
+    """Scatter of a coordinate of one marker (T, 3) [m]."""
+    return max(scatter(places[seen][:, axis]) for axis in range(3)) if seen.any() else 0.0

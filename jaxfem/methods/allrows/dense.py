@@ -1,0 +1,46 @@
+"""A linear system of few rows by elimination of its whole matrix, which is made of products with it.
+
+What iterations do not reach: a matrix without symmetry, one of whose directions only a trace of compliance holds, so
+that a preconditioner carries rounding up to the size of the solution.
+"""
+
+from collections.abc import Callable
+
+import jax
+import jax.numpy as jnp
+from jax.flatten_util import ravel_pytree
+
+from jaxfem.rows.bounds import Impulses
+from jaxfem.solvers.status import SolveInfo
+
+MOST = 512
+"""Rows up to which the matrix is made: it costs as many products as there are rows."""
+
+
+def by_elimination(
+    matvec: Callable[[Impulses], Impulses], right: Impulses, weights: Impulses
+) -> tuple[Impulses, SolveInfo]:
+    """The solution of matvec(x) = right, made better once by its residual, and info; `weights`: sizes of the diagonal.
+
+    Not finite, with a residual that is not, where the matrix is singular.
+    """
+    flat, shaped = ravel_pytree(right)
+    root = jnp.sqrt(ravel_pytree(weights)[0])
+
+    def scaled(column: jax.Array) -> jax.Array:
+        product: jax.Array = ravel_pytree(matvec(shaped(column / root)))[0] / root
+        return product
+
+    factor = jax.scipy.linalg.lu_factor(jax.vmap(scaled, out_axes=1)(jnp.eye(flat.size, dtype=flat.dtype)))
+    wanted = flat / root
+
+    def better(found: jax.Array) -> tuple[jax.Array, jax.Array]:
+        left = wanted - scaled(found)
+        return found + jax.scipy.linalg.lu_solve(factor, left), jnp.linalg.norm(left)
+
+    first, _ = better(jnp.zeros_like(wanted))
+    second, _ = better(first)
+    size, residual = jnp.linalg.norm(wanted), better(second)[1]
+    relative = residual / jnp.where(size > 0, size, 1)
+    none = jnp.int32(0)
+    return shaped(second / root), SolveInfo(none, jnp.int32(flat.size), relative, none)
