@@ -41,6 +41,13 @@ def test_where_there_is_no_derivative_it_is_flagged():
     assert line["above"] == pytest.approx(1 / 30) and abs(line["below"]) < 1e-6
 
 
+@pytest.mark.slow
+def test_stacked_boxes_that_come_to_a_stop_have_the_same_derivative_backwards():
+    """Sixteen corners share what three would carry: a residual of 1e-7 was taken for a solution there."""
+    line = hard_gradients.measured(CASES["stacked boxes"][1]())
+    assert line["outcome"] == "right" and line["reverse_off"] < 1e-8
+
+
 def test_the_page_shows_what_was_measured():
     page = (ROOT / "docs" / "derivatives.md").read_text(encoding="utf-8")
     for line in json.loads((ROOT / "benchmarks" / "results" / "hard_gradients.json").read_text())["lines"]:

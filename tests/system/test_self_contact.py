@@ -42,20 +42,22 @@ def between(mesh, places, upper, lower):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("touching", [True, False])
-def test_the_arms_of_a_clip_do_not_pass_through_each_other(touching):
-    """They press on each other for most of the run, and come to rest so."""
+@pytest.mark.parametrize(("touching", "most"), [(True, 3e-3), ("faces", 5e-4), (False, None)])
+def test_the_arms_of_a_clip_do_not_pass_through_each_other(touching, most):
+    """They press on each other for most of the run, and come to rest so; `most`: how far faces cut through each other
+    between nodes 100 mm apart, where they are bent."""
     mesh, lower, upper = clip()
     end = np.flatnonzero(np.isclose(mesh.points[:, 0], 0.3) & np.isclose(mesh.points[:, 2], 0.3))
     held, pull = np.isclose(mesh.points[:, 2], 0), jf.NodalForce(end, (0, 0, -6.0))
     body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0, damping=0.05, fixed=held, loads=[pull])
-    contact = jf.Contact(body, body, nodes=upper, against=lower, friction=0.2)
+    faces = True if touching == "faces" else None
+    contact = jf.Contact(body, body, nodes=upper, against=lower, friction=0.2, faces=faces)
     scene = jf.Scene([body], contacts=[contact] if touching else [])
     states, info = scenes.rolled(*jf.build(scene, tolerance=1e-7), 1e-2, 160)
     assert not info.status.any()
     gaps = [between(mesh, places, upper, lower) for places in np.asarray(states.positions)[::3]]
     if touching:
-        assert min(gaps) > -3e-3  # between nodes 100 mm apart, where bent faces cut through each other's corners
+        assert min(gaps) > -most
         assert abs(gaps[-1]) < 3e-3
         assert float(np.abs(states.velocities[-1]).max()) < 1e-2
     else:
