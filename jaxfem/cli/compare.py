@@ -85,6 +85,9 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.source.parent / f"{file.source.stem}_compared"
     lines = _compared(file, cases, finer)
     print(shown(lines))
+    for line in lines:
+        if line.failed:
+            warning(f"{line.label}: {line.failed} of its solves failed: {line.words}")
     _write(folder, lines)
     print(f"errors are distances of nodes at the end, largest, from a run of {finer} times as many steps; {machine()}")
     print(f"wrote compare.csv, compare.json and compare.png in {folder}")

@@ -128,7 +128,7 @@ def open_faults(columns: np.ndarray, unknown: Unknowns, size: float, eps: float)
     blind = norms <= 100 * eps * max(size, norms.max())
     faults = [
         f"{each.title} ({each.name}): changing it moves no marker in these samples, so it cannot be found from them: "
-        "leave it out of parameters"
+        "leave it out of parameters, or start where it does (what yields: below what the body reaches)"
         for each, nothing in zip(unknown.constants, blind, strict=True)
         if nothing
     ]

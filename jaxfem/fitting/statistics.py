@@ -102,8 +102,10 @@ def uncertainty(
     inverse, singular, weakest = _inverted(precision)
     between = middle / variance + (0.0 if prior is None else prior)
     inflation = integrated(partial)
+    with np.errstate(invalid="ignore", over="ignore"):
+        covariance = inverse @ between @ inverse
     return Uncertainty(
-        inverse @ between @ inverse,
+        covariance,
         float(np.sqrt(variance)),
         inflation,
         singular,
@@ -136,7 +138,8 @@ def _inverted(precision: np.ndarray) -> tuple[np.ndarray, bool, np.ndarray]:
     scale = np.sqrt(np.maximum(diagonal, np.finfo(float).tiny))
     eigenvalues, vectors = np.linalg.eigh(precision / np.outer(scale, scale))
     singular = bool(eigenvalues[0] < 1e-10 or diagonal.min() <= 1e-20 * diagonal.max())
-    inverse = (vectors / np.maximum(eigenvalues, 1e-12)) @ vectors.T / np.outer(scale, scale)
+    with np.errstate(over="ignore"):  # what moves nothing is known to no digit at all
+        inverse = (vectors / np.maximum(eigenvalues, 1e-12)) @ vectors.T / np.outer(scale, scale)
     return inverse, singular, vectors[:, 0] / scale
 
 

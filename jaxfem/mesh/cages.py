@@ -77,7 +77,9 @@ def _held(corners: Floats, width: float, volume: float, name: str) -> str:
     if not alike:
         return "triangles that are not turned alike, whose volume is not known"
     inside = abs(float(np.einsum("ti,ti->", closed[:, 0], np.cross(closed[:, 1], closed[:, 2])) / 6))
-    return f"{volume / inside:.2f} times their volume, so {inside / volume:.2f} of its density gives its mass"
+    if inside < 1e-12 * volume:
+        return "triangles that enclose nothing"
+    return f"{volume / inside:.3g} times their volume, so {inside / volume:.3g} of its density gives its mass"
 
 
 def _caps(corners: Floats) -> tuple[Floats, bool]:

@@ -89,4 +89,5 @@ def test_holes_that_leave_a_cage_hollow_are_warned_of_and_volumes_are_right_or_n
         for each in (heap, (points, triangles[:, ::-1]), (points, triangles[2:])):
             note = jf.mesh.cage(*each, size=0.15).notes[-1]
             assert abs(float(note.split(" times")[0].split()[-1]) - whole) < 0.02 * whole
+        assert "enclose nothing" in jf.mesh.cage(points, triangles[:1], size=0.15).notes[-1]
         assert "not turned alike" in jf.mesh.cage(points, turned, size=0.15).notes[-1]
