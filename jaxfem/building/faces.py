@@ -1,12 +1,14 @@
 """What nodes of soft bodies alone would miss: their triangles against shapes, with the shape's own points on them; and
 points of edges between nodes, against soft bodies."""
 
+import warnings
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from jaxfem.building.meetings import Meeting, repeated
+from jaxfem.declared.errors import AccuracyWarning
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.between_nodes import BetweenNodes, PatchEdges
@@ -77,8 +79,8 @@ def _other_points(shape: Shape, ground: bool) -> np.ndarray:
 def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
     """Points between the nodes of two soft bodies' edges, each against the other's surface.
 
-    Where the contact says so, or where it does not and one may slip between the nodes of the other. Two patches of a
-    body that touches itself: where the contact says so.
+    Where the contact says so; where it says nothing and one may slip between the nodes of the other, a warning says
+    that: with friction these points may take a step thirty times the iterations.
     """
     a, b, wanted = meeting.a, meeting.b, meeting.contact.faces
     if b is None or {a.kind, b.kind} != {"soft"}:
@@ -86,15 +88,25 @@ def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
     if a == b and wanted:
         patches = meeting.patches()
         for (_, triangles), (_, own) in zip(patches, patches[::-1], strict=True):
-            found = _between_nodes(meeting, own, np.inf, True)
+            found = _between_nodes(meeting, own, np.inf)
             yield PatchEdges(**_against(meeting, found, triangles), deep=np.full(len(found.nodes), 2 * meeting.margin))
     if a == b or meeting.chosen or wanted is False:
         return
     for one, other in ((a, b), (b, a)):
         thickness = _thickness(meeting.bodies.soft[other.number].mesh.points)
-        found = _between_nodes(meeting, meeting.surface(one), thickness, bool(wanted))
-        if len(found.nodes):
+        triangles = meeting.surface(one)
+        if wanted:
+            found = _between_nodes(meeting, triangles, thickness)
             yield BetweenNodes(**_against(meeting, found, meeting.surface(other)))
+        elif (widest := _edges(meeting, triangles)[1].max()) > thickness:
+            warnings.warn(
+                f"{meeting.where}: nodes of one body are up to {widest:.3g} m apart and the other is {thickness:.3g} m "
+                "thin, so edges may pass through each other between nodes: refine the mesh, or say faces=True, which "
+                "takes longer (faces=False where that does not matter)",
+                AccuracyWarning,
+                stacklevel=5,
+            )
+            return
 
 
 def _against(meeting: Meeting, points: SoftPoint, triangles: np.ndarray) -> dict[str, Any]:
@@ -104,19 +116,21 @@ def _against(meeting: Meeting, points: SoftPoint, triangles: np.ndarray) -> dict
     return {"points": points, "triangles": each, "margin": np.full(count, meeting.margin), "rough": meeting.rough}
 
 
-def _between_nodes(meeting: Meeting, triangles: np.ndarray, thickness: float, wanted: bool) -> SoftPoint:
-    """Points of the triangles' edges, as far apart as is near enough for what is so thick; none where the corners will
-    do, unless they are `wanted`."""
-    places = np.concatenate([body.mesh.points for body in meeting.bodies.soft])
-    edges = np.unique(np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1), axis=0)
-    length = np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
-    if not (wanted or length.max() > thickness):
-        edges, length = edges[:0], length[:0]
-    parts = np.clip(np.ceil(length / (APART * thickness)), 2 if wanted else 1, MOST_PARTS).astype(int)
+def _between_nodes(meeting: Meeting, triangles: np.ndarray, thickness: float) -> SoftPoint:
+    """Points of the triangles' edges, as far apart as is near enough for what is so thick."""
+    edges, length = _edges(meeting, triangles)
+    parts = np.clip(np.ceil(length / (APART * thickness)), 2, MOST_PARTS).astype(int)
     owner = np.repeat(np.arange(len(edges)), parts - 1)
     number = np.concatenate([np.zeros(0, int), *(np.arange(1, count) for count in parts)])
     share = number / parts[owner]
     return SoftPoint(edges[owner].astype(np.int32), np.stack([1 - share, share], 1))
+
+
+def _edges(meeting: Meeting, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Edges (e, 2) of triangles, and their lengths (e,) [m]."""
+    places = np.concatenate([body.mesh.points for body in meeting.bodies.soft])
+    edges = np.unique(np.sort(np.concatenate([triangles[:, [i, (i + 1) % 3]] for i in range(3)]), axis=1), axis=0)
+    return edges, np.linalg.norm(places[edges[:, 0]] - places[edges[:, 1]], axis=1)
 
 
 def _thickness(points: np.ndarray) -> float:

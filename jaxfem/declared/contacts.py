@@ -23,8 +23,8 @@ class Contact:
     much the same, and take longer. A rigid body touches with what its shape's `features` lists, with its
     `segments` and its `circles`; their sharp points touch the faces of soft bodies too.
     `faces`: whether the triangles of soft `a` touch as well, for rigid `b` or ground that could slip between a's nodes;
-    where b is thinner than the widest triangle if nothing is said. For soft b points of edges between nodes in their
-    place, of both; for a body that touches itself only with faces=True.
+    where b is thinner than the widest triangle if nothing is said. With faces=True alone, for soft b and a body that
+    touches itself: points of edges between nodes, of both; `build` warns where two may pass without.
     A soft body that is both `a` and `b` touches itself: the surface patch of `nodes` meets that of the nodes `against`,
     both ways; they share no node.
     Two soft bodies touch both ways, but only a's points against b with `nodes` or `surface`.
