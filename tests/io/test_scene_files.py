@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from kinds import own_alone
 
 import jaxfem as jf
 from jaxfem.io import SceneFileError, beam_scene, load_scene
@@ -216,7 +217,7 @@ BAD = [
 
 @pytest.mark.parametrize(("text", "message"), BAD, ids=[message[:40] for _, message in BAD])
 def test_refused(load, text, message):
-    with pytest.raises(SceneFileError, match=message) as caught:
+    with own_alone(), pytest.raises(SceneFileError, match=message) as caught:
         load(text)
     assert "scene.toml" in str(caught.value)
 
