@@ -11,10 +11,9 @@ from jaxfem.building import rebuild
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator
-from jaxfem.fitting.markers import Markers, moved_markers
+from jaxfem.fitting.markers import moved_markers
 from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.fitting.result import FitResult
-from jaxfem.model import Model, Params, State
 
 EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of one parameter ends (chi^2, one degree)
 STEPS = 24
@@ -158,7 +157,8 @@ def _scaled(evaluator: Evaluator, name: str, share: float) -> Evaluator:
     if name in evaluator.unknowns.names:
         raise FitError(f"{name} was fitted: its uncertainty is in its error bar")
 
-    def scaled(model: Model, params: Params, state: State) -> dict[str, Any]:
+    def scaled(at: Any) -> dict[str, Any]:
+        model, params, state = at.model, at.params, at.state
         known = {**model.constants, **placed_constants(model, params, state)}
         if name not in known:
             raise FitError(f'the scene has no constant "{name}"; it has {", ".join(model.constants)}')
@@ -166,35 +166,30 @@ def _scaled(evaluator: Evaluator, name: str, share: float) -> Evaluator:
         changed = with_all(params, state, {name: value}, (known[name],))
         return dict(zip(("params", "state"), changed, strict=True))
 
-    pieces = []
-    for piece in evaluator.pieces:
-        new = scaled(piece.problem.model, piece.problem.params, piece.problem.state)
-        pieces.append(dataclasses.replace(piece, problem=piece.problem.replace(**new)))
-    priors = evaluator.priors
-    if priors is not None:
-        scenes = [(each, each.aside) for each in priors.data]
-        data = tuple(each.on(**scaled(at.model, at.params, at.state)) for each, at in scenes)
-        priors = dataclasses.replace(priors, data=data)
-    return Evaluator(pieces, evaluator.unknowns, None, priors)
+    return _changed(evaluator, scaled)
 
 
 def _stretched(evaluator: Evaluator, share: float, axis: int) -> Evaluator:
     """The fit with soft bodies longer along an axis, about their middle; markers and loads ride along."""
 
-    def longer(model: Model, state: State, markers: Markers) -> dict[str, Any]:
+    def longer(at: Any) -> dict[str, Any]:
+        model, state, markers = at.model, at.state, at.markers
         along = model.rest[:, axis]
         rest = model.rest.at[:, axis].add(share * (along - 0.5 * (along.min() + along.max())))
         moved = state.replace(positions=state.positions + (rest - model.rest))
         return {"model": rebuild(model, rest), "state": moved, "markers": markers.reshaped(rest)}
 
-    pieces = []
-    for piece in evaluator.pieces:
-        at = piece.problem
-        pieces.append(dataclasses.replace(piece, problem=at.replace(**longer(at.model, at.state, at.markers))))
+    return _changed(evaluator, longer)
+
+
+def _changed(evaluator: Evaluator, change: Callable[[Any], dict[str, Any]]) -> Evaluator:
+    """The fit with other fields, `change` of a problem or of data beside markers, of every scene in it."""
+    pieces = [
+        dataclasses.replace(piece, problem=piece.problem.replace(**change(piece.problem))) for piece in evaluator.pieces
+    ]
     priors = evaluator.priors
     if priors is not None:
-        scenes = [(each, each.aside) for each in priors.data]
-        data = tuple(each.on(**longer(at.model, at.state, at.markers)) for each, at in scenes)
+        data = tuple(each.on(**change(each.aside)) for each in priors.data)
         priors = dataclasses.replace(priors, data=data)
     return Evaluator(pieces, evaluator.unknowns, None, priors)
 

@@ -75,7 +75,7 @@ def test_twenty_scenes_give_the_row_solvers_answer_and_gradient(exact, dtype):
     assert slopes_off.max() <= bound
     # Where a soft body is held by stiff rows, a small residual leaves a larger error: MPRGP's own, at the same
     # tolerance, is a thousand times larger still there.
-    assert np.median(off) <= bound and off.max() <= 20 * bound
+    assert np.median(off) <= bound and off.max() <= 11 * bound
 
 
 def solve_rows(model, params, state, rows, bias=0.0):
