@@ -18,6 +18,7 @@ from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
 from jaxfem.stepping.frames import watched
+from jaxfem.tensors import contract, matmul
 
 Array = jax.Array
 
@@ -122,8 +123,8 @@ def _difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Pl
     if plan.frame == "all":
         seen = problem.weights[..., 0].reshape(-1)
         rotation, translation = rigid_fit(measured.reshape(-1, 3), simulated.reshape(-1, 3), seen**2)
-        measured = measured @ rotation.T + translation
-        origin = origin @ rotation.T + translation
+        measured = matmul(measured, rotation.T) + translation
+        origin = matmul(origin, rotation.T) + translation
     difference = simulated - measured
     if plan.compare == "displacement":
         difference = difference - (frames[0] - origin)
@@ -216,7 +217,7 @@ def _with_shifts(kept: Array, values: dict[str, Array], problem: Problem, plan: 
     if kept.shape[-1] > 3:
         turns = kept[..., 3:].reshape(*kept.shape[:-1], 3, 3)
         shifts = shift_array(values, plan.constants, kept.shape[-2], kept.dtype)
-        frames = frames + jnp.einsum("nmij,mj->nmi", turns, shifts)
+        frames = frames + contract("nmij,mj->nmi", turns, shifts)
     return frames if problem.camera is None else pixels(problem.camera, frames)
 
 
@@ -254,5 +255,5 @@ def _frames_needed(problem: Problem, plan: Plan) -> Array:
 
 def pixels(camera: Array, places: Array) -> Array:
     """Where a camera (3, 4) sees places (..., 3) [m]: (u, v, 0) [px] (Hartley & Zisserman 2004, chapter 6)."""
-    seen = places @ camera[:, :3].T + camera[:, 3]
+    seen = matmul(places, camera[:, :3].T) + camera[:, 3]
     return jnp.concatenate([seen[..., :2] / seen[..., 2:], jnp.zeros_like(seen[..., :1])], axis=-1)

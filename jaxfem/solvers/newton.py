@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.tensors import inner
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
@@ -111,7 +112,7 @@ def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_
     known = jnp.linalg.norm(here.gradient) <= here.noise
     tolerance = jnp.where(known, 1e-3, jnp.clip(jnp.sqrt(residual), 1e-5, 0.1))
     direction, info = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
-    usable = jnp.isfinite(direction).all() & (jnp.vdot(direction, here.gradient) < 0)
+    usable = jnp.isfinite(direction).all() & (inner(direction, here.gradient) < 0)
     return jnp.where(usable, direction, precondition(-here.gradient)), info.iterations
 
 
@@ -120,8 +121,8 @@ def _accepted(s: _State, x: Array, there: Evaluation) -> Array:
     here = s.here
     start = jnp.isinf(here.energy)
     here = jax.tree.map(lambda a: jnp.where(start, 0.0, a), here)
-    slope = s.length * jnp.vdot(here.gradient, s.direction)
-    change = there.energy - here.energy - s.length * jnp.vdot(here.load, s.direction)
+    slope = s.length * inner(here.gradient, s.direction)
+    change = there.energy - here.energy - s.length * inner(here.load, s.direction)
     # Energies are known to about the rounding of positions times the forces on them.
     noise = 8 * jnp.finfo(x.dtype).eps * (jnp.abs(here.energy) + here.scale * jnp.linalg.norm(x))
     flat = jnp.abs(slope) <= noise

@@ -23,6 +23,7 @@ from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_to_matri
 from jaxfem.rows.bounds import Impulses
 from jaxfem.solvers.status import Status, caused
 from jaxfem.system.soft import System, external_force
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -172,7 +173,7 @@ def _pushes(system: System, impulses: Impulses | None, points: int) -> tuple[Arr
     total = jnp.zeros((system.target.shape[0], 4), system.target.dtype)
     for name, rows in system.extra.items():
         assert impulses is not None
-        parts = jnp.einsum("mrk,mr->mk", rows.jacobian, impulses[name]).reshape(*rows.triples.shape, 3)
+        parts = contract("mrk,mr->mk", rows.jacobian, impulses[name]).reshape(*rows.triples.shape, 3)
         size = jnp.linalg.norm(jax.lax.stop_gradient(parts), axis=-1, keepdims=True)
         total = total.at[rows.triples].add(jnp.concatenate([parts, size], -1))
     return total[:points, :3], total[:points, 3]
