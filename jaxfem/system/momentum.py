@@ -42,12 +42,13 @@ lost; of schemes whose positions move straight along the new velocities, and of 
 
 class _Groups(NamedTuple):
     """Which bodies move as one: `of` (p,) for each point, their `number`, and for each group (g,), as 0 or 1, whether
-    no joint or support holds it, `loose`, whether nothing outside pushes it either, `free`, and is it soft, `alone`."""
+    no joint or support holds it, `loose`, whether nothing outside pushes it either, `unpushed`, and whether it is soft
+    too, `alone`."""
 
     of: Array
     number: int
     loose: Array
-    free: Array
+    unpushed: Array
     alone: Array
 
     def sums(self, values: Array) -> Array:
@@ -73,7 +74,7 @@ def kept(model: Model, system: System, places: Array, velocities: Array, impulse
         defect = defect + system.shared_mass.apply(velocities - system.before)
     shift = -_divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
     bound = shift if system.friction else _along(shift, groups.sums(push))
-    shift = shift - bound * (1 - groups.free)[:, None]
+    shift = shift - bound * (1 - groups.unpushed)[:, None]
     change = shift[groups.of]
     if model.scheme.straight:
         arm = _arms(groups, mass[:nodes], places)
@@ -190,7 +191,7 @@ def _groups(drifting: Drifting, push: Array, size: Array, tied: bool) -> _Groups
     groups = _Groups(jnp.where(touched, count + drifting.together, number)[body], 2 * count, *[drifting.loose] * 3)
     net = jnp.linalg.norm(groups.sums(jax.lax.stop_gradient(push)), axis=1)
     inner = net <= PUSHED[net.dtype.itemsize > 4] * groups.sums(size[:, None])[:, 0]
-    return groups._replace(free=drifting.loose * inner, alone=drifting.loose * drifting.soft * inner)
+    return groups._replace(unpushed=drifting.loose * inner, alone=drifting.loose * drifting.soft * inner)
 
 
 def _arms(groups: _Groups, mass: Array, places: Array) -> Array:
