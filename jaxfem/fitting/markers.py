@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.elements.barycentric import foot_weights
 from jaxfem.elements.reshaping import reshaped_elements
 from jaxfem.elements.tetra import Elements, shape_gradients
@@ -163,6 +164,7 @@ def _on_elements(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     )
 
 
+@one_program
 def marker_positions(markers: Markers, positions: Array) -> Array:
     """Where the markers are: nodes' positions (..., n, 3) -> (..., M, 3) [m]; differentiable in both arguments.
 
@@ -176,6 +178,7 @@ def marker_positions(markers: Markers, positions: Array) -> Array:
     return beneath + contract("...mij,mj->...mi", nearest_rotation(deformation), markers.offsets)
 
 
+@one_program
 def marker_places(markers: Markers, state: State) -> Array:
     """Where the markers are in a state, or in states with leading axes: (..., M, 3) [m]; differentiable.
 
@@ -193,6 +196,7 @@ def marker_places(markers: Markers, state: State) -> Array:
     return every[..., np.array(markers.order), :]
 
 
+@one_program
 def marker_frames(markers: Markers, state: State) -> Array:
     """How small shifts of the markers' places at rest move them: (..., M, 3, 3); differentiable.
 

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.fitting.frames import rigid_fit
 from jaxfem.fitting.markers import Markers, marker_frames, marker_places
 from jaxfem.fitting.measurement import Measurement
@@ -197,6 +198,7 @@ def linearised_of_many(z: Array, problem: Problem, plan: Plan) -> tuple[Array, A
     return found
 
 
+@one_program
 def interpolated(frames: Array, places: Array) -> Array:
     """Frames (n, ...) at fractional numbers `places` (T,), by Catmull-Rom cubics: exact at whole numbers, smooth
     between.

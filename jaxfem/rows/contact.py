@@ -230,18 +230,18 @@ class SurfaceContacts(Candidates):
 
 
 def contact_rows(
-    candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, free: Array
+    candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, unhindered: Array
 ) -> tuple[PointRows, PointRows | None, Gaps]:
     """Normal rows (m, 1), tangential rows (m, 2), None where nothing is rough, and gaps.
 
-    `before` (n, 3): velocities at the start of the step; `free`: those that it would end with without any row.
+    `before`, `unhindered` (n, 3): velocities at the start of the step, and those that it would end with without rows.
     """
     pairs = candidates.pairs(at)
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = contract("mi,mik->mk", pairs.normal, jacobian)[:, None]
     if at.dropped is not None:
         pairs = pairs.replace(gap=pairs.gap + _across(normal, triples, at.dropped)[:, 0])
-    approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
+    approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, unhindered))
     on = ~(pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) >= candidates.margin)  # a NaN counts as near
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
     deep = on & (pairs.gap < -DEEP * candidates.margin)
@@ -266,7 +266,7 @@ def contact_rows(
     rubs = on & (pairs.gap > -candidates.margin)  # what is inside each other goes apart without
     across = contract("mri,mik->mrk", tangents(pairs.normal), jacobian) * rubs[:, None, None]
     none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
-    way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, free)
+    way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, unhindered)
     rough = PointRows(triples, across, none, way, unknowns=at.unknowns, lower=none, upper=none)
     return upright, rough, gaps
 

@@ -64,18 +64,6 @@ def minimize_newton(
         found, trips = _direction(*tangent(x, here.aux), here, max_inner - inner)
         return found, inner + trips
 
-    def at_rounding(x: Array, here: Evaluation, direction: Array) -> Array:
-        # A gradient of rounding ends the way, where the step that it asks for is small beside the way already made.
-        little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(x - start)
-        unloaded = ~jnp.any(here.load)
-        ended: Array = (jnp.linalg.norm(here.gradient) <= here.noise) & (little | unloaded)
-        return ended
-
-    def judge(here: Evaluation) -> Array:
-        residual = jnp.linalg.norm(here.gradient) / here.scale
-        code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
-        return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
-
     def trip(s: _State) -> _State:
         # One trial point a trip: either it is good and a new direction starts there, or the step is halved.
         x = s.x + s.length * s.direction
@@ -84,10 +72,11 @@ def minimize_newton(
         x = jnp.where(good, x, s.x)
         here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
-        again = good & (judge(here) == Status.ITERATION_LIMIT)
+        verdict = _judged(here, tol)
+        again = good & (verdict == Status.ITERATION_LIMIT)
         direction, inner = jax.lax.cond(again, direction_at, lambda x, here, *old: old, x, here, s.direction, s.inner)
-        lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here))
-        ended = (again | (length < _SHORTEST)) & at_rounding(x, here, direction)
+        lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), verdict)
+        ended = (again | (length < _SHORTEST)) & _at_rounding(x - start, here, direction)
         status = jnp.where(ended, int(Status.CONVERGED), lost).astype(jnp.int32)
         return _State(x, here, direction, length, s.iteration + 1, inner, status)
 
@@ -103,6 +92,19 @@ def minimize_newton(
     last = jax.lax.while_loop(running, trip, first)
     residual = jnp.linalg.norm(last.here.gradient) / last.here.scale
     return last.x, SolveInfo(last.status, last.iteration, residual, jnp.int32(0))
+
+
+def _judged(here: Evaluation, tol: Any) -> Array:
+    residual = jnp.linalg.norm(here.gradient) / here.scale
+    code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
+
+
+def _at_rounding(way: Array, here: Evaluation, direction: Array) -> Array:
+    """A gradient of rounding ends the `way`, where the step that it asks for is small beside what is already made."""
+    little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(way)
+    ended: Array = (jnp.linalg.norm(here.gradient) <= here.noise) & (little | ~jnp.any(here.load))
+    return ended
 
 
 def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> tuple[Array, Array]:
