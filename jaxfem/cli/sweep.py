@@ -19,7 +19,7 @@ from jaxfem.io.sweep_plots import plot_pairs, plot_responses
 from jaxfem.sweeping.chunks import Sweep
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.indices import sensitivity_indices, write_indices
-from jaxfem.sweeping.merging import Merged, merge
+from jaxfem.sweeping.merging import Merged, check_writers, merge
 from jaxfem.sweeping.result import columns
 from jaxfem.sweeping.shards import Manifest, begun, missing, read_manifest, read_shard, work, write_manifest
 
@@ -50,6 +50,7 @@ def add(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Run what is missing and merge it; 0 at the end, 3 when a process failed, 130 when interrupted."""
     file = load_sweep(args.file)
+    check_writers(file.table, file.arrays)
     if file.scene.precision == "float64":
         jax.config.update("jax_enable_x64", True)
     folder = Path(args.out) if args.out else file.folder

@@ -119,6 +119,14 @@ def test_files_of_another_sweep_are_not_mixed(files, tmp_path, capsys, monkeypat
     assert main(["sweep", str(path), "--force"]) == 3
 
 
+@pytest.mark.parametrize(("key", "module"), [('table = "parquet"', "pyarrow"), ('arrays = "zarr"', "zarr")])
+def test_a_package_that_is_missing_is_told_before_anything_is_computed(files, capsys, monkeypatch, key, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    path = files(SWEEP.replace("[output]", f"[output]\n{key}"))
+    assert main(["sweep", str(path)]) == 2 and module in capsys.readouterr().err
+    assert not (path.parent / "sweep_results").exists()
+
+
 def test_the_template_holds_every_key_and_can_be_run(tmp_path, monkeypatch):
     """Commented keys too, once they are no comments any more; in place of computing, the plan is looked at."""
     monkeypatch.chdir(tmp_path)
