@@ -17,6 +17,9 @@ Found = tuple[Array, Outcome]
 Linear = tuple[Array, Array, Outcome]
 AUTO = "auto"
 LANES, MOST = 8, 32  # points a chunk: a multiple of the first, at most the second
+PAYS = 60_000
+"""Elements times steps times starts, from which on a fit with some ten Jacobians saves more time than its programs take
+longer to compile (10 to 20 s)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -93,7 +96,7 @@ def chosen(asked: str, simulated: Simulated, starts: int) -> tuple[list[Engine],
     if asked == AUTO:
         if jax.devices()[0].platform != "cpu":
             return [Engine() for _ in simulated], "accelerators take all points side by side"
-        refused = refused or next((words for each in simulated if (words := _slower(*each))), None)
+        refused = refused or _slower(simulated, starts)
         if refused:
             return [Engine() for _ in simulated], f'engine "{LanesLast.name}" {refused}'
     width = LANES * min(-(-max(starts, 1) // LANES), MOST // LANES)
@@ -113,7 +116,10 @@ def _refused(problem: Problem, plan: Plan) -> str | None:
     return found
 
 
-def _slower(problem: Problem, plan: Plan) -> str | None:
-    """Why something else is faster."""
-    found: str | None = SWEEPS[LanesLast.name].made().slower(lanes.task_of(problem, plan))
-    return found
+def _slower(simulated: Simulated, starts: int) -> str | None:
+    """Why something else is faster, in words that follow their name, or None."""
+    for problem, plan in simulated:
+        if found := SWEEPS[LanesLast.name].made().slower(lanes.task_of(problem, plan)):
+            return str(found)
+    work = sum(problem.model.elements.count * plan.frames * plan.every for problem, plan in simulated) * (1 + starts)
+    return "takes longer to compile than it saves in a fit as short as this" if work < PAYS else None

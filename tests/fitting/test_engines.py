@@ -56,6 +56,11 @@ def test_the_choice_is_told():
     assert type(chosen("vmap", given, 16)[0][0]) is Engine
     (engine,), _ = chosen("lanes", given, 100)
     assert isinstance(engine, LanesLast) and engine.width == 32
+    engines, reason = chosen("auto", given, 16)
+    assert type(engines[0]) is Engine and "longer to compile than it saves" in reason
+    long = [(piece.problem, dataclasses.replace(piece.plan, frames=1000))]
+    engines, reason = chosen("auto", long, 16)
+    assert isinstance(engines[0], LanesLast) and engines[0].width == 16 and reason == "soft bodies on CPUs"
     some = [(piece.problem, dataclasses.replace(piece.plan, at_once=1))]
     with pytest.raises(FitError, match='"lanes" makes all columns of a Jacobian together'):
         chosen("lanes", some, 0)
