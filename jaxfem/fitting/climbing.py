@@ -17,6 +17,8 @@ from jaxfem.fitting.weighting import Plain, Weighting
 
 Ended = tuple[np.ndarray, float]
 TRIES = 8
+FINER = 0.01
+"""Share of the gain to stop at, where derivatives were only corrected: what they promise is less sure, and cheap."""
 FORETOLD = 0.3
 """Share of a step's change that may be other than foretold, for the derivatives to serve another step."""
 
@@ -143,7 +145,8 @@ def _climb(
             return at.z, loss
         free = chosen & ~((at.z <= low) & (gradient > 0)) & ~((at.z >= high) & (gradient < 0))
         certain = at.made or not sure
-        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < tol:
+        least = tol if certain else FINER * tol
+        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < least:
             if certain:
                 break
             at = yield from _made(at.z)
@@ -155,7 +158,7 @@ def _climb(
                 break
             at = yield from _made(at.z)
             continue
-        small = gain < tol or np.abs(trial - at.z).max() < 1e-8
+        small = gain < least or np.abs(trial - at.z).max() < 1e-8
         foretold = goal.misses(trial - at.z, at.r, at.jacobian, new) < FORETOLD
         stepped = at.stepped(trial, new)
         at = stepped if foretold or (small and certain) else (yield from _made(trial))
