@@ -136,8 +136,9 @@ def _climb(
     """The steps, as what they ask for: (z, loss) at the end."""
     chosen = np.ones(z.size, bool) if chosen is None else chosen
     low, high = goal.evaluator.unknowns.box
-    damping, at = 1e-3, goal.evaluator.near
-    if at is None or not np.array_equal(at.z, z):
+    damping, at, last = 1e-3, goal.evaluator.near, goal.evaluator.last
+    made_here = last is not None and np.array_equal(last[0], z)  # asked for again they cost nothing
+    if at is None or made_here or not np.array_equal(at.z, z):
         at = yield from _made(z)
     for _ in range(iterations):
         loss, normal, gradient = goal.linear(at.z, at.r, at.jacobian)
