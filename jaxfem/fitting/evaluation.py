@@ -15,6 +15,7 @@ from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
+Arrays = list[np.ndarray]
 Linear = tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]
 BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
@@ -82,11 +83,34 @@ class Piece:
         return jacobian
 
 
+@dataclasses.dataclass(frozen=True)
+class Near:
+    """Residuals `r` of all takes at `z` (P,), and their `jacobian` there, `made` there or corrected on the way."""
+
+    z: np.ndarray
+    r: Arrays
+    jacobian: Arrays
+    made: bool
+
+    def stepped(self, z: np.ndarray, r: Arrays) -> "Near":
+        """At the next point, where the residuals are r: the nearest Jacobian that tells them, unknowns measured by
+        what they move."""
+        step = z - self.z
+        sizes = sum((each.reshape(len(each), -1) ** 2).sum(axis=1) for each in self.jacobian)
+        share = sizes * step / max(float(step @ (sizes * step)), np.finfo(float).tiny)
+        corrected = []
+        for old, new, columns in zip(self.r, r, self.jacobian, strict=True):
+            off = new - old - np.tensordot(step, columns, 1)
+            corrected.append(columns + np.multiply.outer(share, off))
+        return Near(z, r, corrected, False)
+
+
 class Evaluator:
     """Residuals (T, M, 3) and Jacobians (P, T, M, 3) of each take at z, as float64 NumPy arrays.
 
     Keeps the `best` z by the full loss, the mean square of all residuals, so that an interrupted search still has an
-    answer. `variance`: of the noise, in the residuals' unit squared; by it `priors` are weighed against samples.
+    answer, and `near`, what the last climb knew where it ended. `variance`: of the noise, in the residuals' unit
+    squared; by it `priors` are weighed against samples.
     """
 
     def __init__(
@@ -106,6 +130,7 @@ class Evaluator:
         self.samples = int(sum(np.count_nonzero(np.asarray(each.problem.weights)) for each in pieces))
         self.step_failures = 0
         self.last: tuple[np.ndarray, Linear] | None = None
+        self.near: Near | None = None
 
     def take(self, engine: str, starts: int) -> str:
         """Have all pieces simulated by an engine, `starts` together at most; why by that."""

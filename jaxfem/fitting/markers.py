@@ -89,6 +89,14 @@ def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     return markers.replace(names=tuple(places), riders=_riders(body, carried), order=order)
 
 
+def carried(markers: Markers) -> dict[str, int]:
+    """The numbers of the rigid bodies that markers are on, by the markers' names."""
+    if markers.riders is None:
+        return {}
+    bodies, first = np.asarray(markers.riders.body), len(markers.cells)
+    return {name: int(bodies[at - first]) for name, at in zip(markers.names, markers.order, strict=True) if at >= first}
+
+
 def _owner(name: str, place: Any, model: Model) -> tuple[int | None, Any]:
     """The number of the rigid body that a marker is on, None for elements; and its place."""
     assert model.rigid is not None
