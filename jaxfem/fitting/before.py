@@ -18,7 +18,7 @@ from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.markers import Markers, carried
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.objective import linearised, pixels
+from jaxfem.fitting.objective import pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.start_checks import again_faults, bounce_faults, camera_faults, late_faults, leap_faults
@@ -132,7 +132,7 @@ def start_faults(
     may mend."""
     faults, columns, size = [], [], 0.0
     for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
-        residual, own, outcome = linearised(piece.at(z), piece.problem, piece.plan)
+        residual, own, outcome = piece.linearised(z)
         jacobian = np.zeros((z.size, residual.size))
         jacobian[piece.columns] = np.asarray(own, np.float64).reshape(len(piece.columns), -1)
         if Status(int(outcome.status)) in BROKEN or not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):
