@@ -72,6 +72,18 @@ def stepped(cells, dtype, steps, repeats) -> dict:
     return figures | {"status": int(info.status.max()), "elements": model.elements.count, "method": model.method.name}
 
 
+def plot(figures, places, folder):
+    """A line a precision and place: milliseconds a step against elements."""
+    lines = {}
+    for bits in ("float32", "float64"):
+        for where in places:
+            rows = [
+                each for key, each in figures.items() if key.startswith("steps ") and key.endswith(f"{bits} {where}")
+            ]
+            lines[f"{bits}, {where}"] = [each["elements"] for each in rows], [each["ms_per_step"] for each in rows]
+    line_plot(folder / "accelerator.png", lines, "elements", "ms a step")
+
+
 def main():
     options = arguments(__doc__)
     jax.config.update("jax_enable_x64", True)
@@ -106,19 +118,7 @@ def main():
             given = SIZES[size], np.dtype(bits), 1024, "lanes", references[size], repeats
             note(f"slopes {size} {bits} lanes 1024", swept, *given, slopes=("young",))
     if options.out:
-        lines = {
-            f"{bits} {where}": ([each["elements"] for each in rows], [each["ms_per_step"] for each in rows])
-            for bits in ("float32", "float64")
-            for where in places
-            if (
-                rows := [
-                    each
-                    for key, each in figures.items()
-                    if key.startswith("steps ") and key.endswith(f"{bits} {where}")
-                ]
-            )
-        }
-        line_plot(options.out / "accelerator.png", lines, "elements", "ms a step")
+        plot(figures, places, options.out)
     finish("accelerator", figures, options.out)
 
 

@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.declared import RigidBody, SceneError
 from jaxfem.mesh import locate
+from jaxfem.pytrees import on_device
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
 from jaxfem.rows.attachments import Frame, Point, RigidFrame, RigidPoint, SoftPoint, WorldFrame, WorldPoint
 
@@ -100,7 +101,7 @@ def rigid_parts(
     """(RigidSet, RigidParams, RigidState) of the declared bodies, in their order."""
 
     def real(values: Any) -> jax.Array:
-        return jnp.asarray(np.asarray(values, float), dtype)
+        return on_device(values, dtype)
 
     masses, _, inertias = zip(*[body.properties for body in bodies], strict=True)
     orientations = np.array([np.asarray(body.orientation, float) for body in bodies])
@@ -112,7 +113,7 @@ def rigid_parts(
         free=real(~np.array(still)),
         start=real(index.centers),
         start_orientation=real(orientations),
-        driven=jnp.asarray(driven, jnp.int32),
+        driven=on_device(driven, jnp.int32),
         names=tuple(names),
     )
     motions = tuple(

@@ -88,7 +88,7 @@ def build(
     params = _params(scene, bodies, dtype)
     starts = [np.broadcast_to(np.asarray(b.velocity, float), b.mesh.points.shape) for b in bodies]
     velocities = np.concatenate([np.zeros((0, 3)), *starts])
-    state = State(model.rest, jnp.asarray(velocities, dtype), jnp.zeros((), dtype))
+    state = State(model.rest, on_device(velocities, dtype), on_device(0.0, dtype))
     state = state.replace(internal=first_memory(model.domains, dtype))
     model, params, state = with_coupling(scene, every, model, params, state)
     warn_of_unused(scene, every, model, params)
@@ -145,24 +145,24 @@ def _model(
     place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
     domains = body_domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
-        rest=jnp.asarray(points, dtype),
+        rest=on_device(points, dtype),
         elements=Elements(
             on_device(cells, jnp.int32),
-            jnp.asarray(gradients.transpose(1, 2, 0), dtype),
-            jnp.asarray(volumes, dtype),
+            on_device(gradients.transpose(1, 2, 0), dtype),
+            on_device(volumes, dtype),
             on_device(body_of_element, jnp.int32),
         ),
         domains=domains,
-        nodal_volumes=jnp.asarray(nodal_volumes, dtype),
+        nodal_volumes=on_device(nodal_volumes, dtype),
         node_body=on_device(node_body, jnp.int32),
-        free=jnp.asarray(free, dtype),
+        free=on_device(free, dtype),
         pattern=sparsity(points, domains, groups, dtype, None if is_diagonal(mass) else cells) if bodies else None,  # type: ignore[arg-type]
         loads=tuple(
             load.entered(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
         driven=tuple(on_device(d, jnp.int32) for d in driven),
         tolerance=jnp.asarray(TOLERANCES[dtype.itemsize > 4] if tolerance is None else tolerance, dtype),
-        max_iterations=jnp.asarray(max_iterations, jnp.int32),
+        max_iterations=on_device(max_iterations, jnp.int32),
         scheme=scheme,
         method=Condensed(),  # until all is known: see `choose.py`
         choice=Choice("auto", "not chosen yet"),

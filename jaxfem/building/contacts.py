@@ -4,7 +4,6 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
@@ -13,6 +12,7 @@ from jaxfem.building.faces import edges_on_surfaces, faces_on_shape
 from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
+from jaxfem.pytrees import on_device
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rigid.shapes.answers import distance_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
@@ -192,7 +192,7 @@ def _joined(trees: list[Any], dtype: Any) -> Any:
 
     def join(*leaves: Any) -> jax.Array:
         array = np.concatenate([np.asarray(leaf) for leaf in leaves]) if len(leaves) > 1 else np.asarray(leaves[0])
-        return jnp.asarray(array, device_type(array.dtype, dtype))
+        return on_device(array, device_type(array.dtype, dtype))
 
     bare = [tree.replace(names=()) if hasattr(tree, "names") else tree for tree in trees]
     joined = jax.tree.map(join, *bare)

@@ -15,6 +15,7 @@ from jaxfem.declared import RigidBody, SceneError
 from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.elements.mass import is_diagonal
 from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import on_device
 from jaxfem.schemes import BackwardEuler
 
 
@@ -83,7 +84,7 @@ def _tied(scene: Scene, index: BodyIndex) -> jax.Array:
         tied = [number for kind, number in ends if kind == "soft"]
         for other in tied[1:]:
             group[group == group[other]] = group[tied[0]]
-    return jnp.asarray(group, jnp.int32)
+    return on_device(group, jnp.int32)
 
 
 def _islands(scene: Scene, index: BodyIndex) -> jax.Array:
@@ -98,7 +99,7 @@ def _islands(scene: Scene, index: BodyIndex) -> jax.Array:
         if own:
             to = count if any(kind == "soft" for kind, _ in ends) else max(own)
             group[np.isin(group, list(own))] = to
-    return jnp.asarray(group, jnp.int32)
+    return on_device(group, jnp.int32)
 
 
 def _is_body(partner: object) -> bool:

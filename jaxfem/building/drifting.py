@@ -9,6 +9,7 @@ import numpy as np
 from jaxfem.declared import RigidBody
 from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.model import Drifting, Model
+from jaxfem.pytrees import on_device
 
 
 def drifting_bodies(scene: Scene, names: Sequence[str], model: Model) -> Drifting | None:
@@ -27,10 +28,10 @@ def drifting_bodies(scene: Scene, names: Sequence[str], model: Model) -> Driftin
     both = [np.array([flags[together == number].all() for number in range(len(loose))]) for flags in (loose, soft)]
     dtype = model.rest.dtype
     return Drifting(
-        body=jnp.asarray(body, jnp.int32),
-        together=jnp.asarray(together, jnp.int32),
-        loose=jnp.asarray(np.concatenate([loose, both[0]]), dtype),
-        soft=jnp.asarray(np.concatenate([soft, both[1]]), dtype),
+        body=on_device(body, jnp.int32),
+        together=on_device(together, jnp.int32),
+        loose=on_device(np.concatenate([loose, both[0]]), dtype),
+        soft=on_device(np.concatenate([soft, both[1]]), dtype),
     )
 
 

@@ -11,6 +11,7 @@ from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.joint_answers import check_alike, check_leaves, check_softness, checked_parts, signature
 from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
+from jaxfem.pytrees import on_device
 
 
 def joint_parts(joints: Sequence[Joint], index: BodyIndex, dtype: Any) -> tuple[dict[str, Any], dict[str, Any]]:
@@ -50,7 +51,7 @@ def joint_parts(joints: Sequence[Joint], index: BodyIndex, dtype: Any) -> tuple[
 def _stacked(trees: list[Any], dtype: Any) -> Any:
     def stack(*leaves: Any) -> jax.Array:
         array = np.stack([np.asarray(leaf) for leaf in leaves])
-        return jnp.asarray(array, device_type(array.dtype, dtype))
+        return on_device(array, device_type(array.dtype, dtype))
 
     return jax.tree.map(stack, *trees)
 

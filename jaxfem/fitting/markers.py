@@ -14,7 +14,7 @@ from jaxfem.elements.tetra import Elements, shape_gradients
 from jaxfem.fitting.errors import FitError
 from jaxfem.mesh import TetMesh, locate
 from jaxfem.model import Model, State
-from jaxfem.pytrees import Pytree, static
+from jaxfem.pytrees import Pytree, on_device, static
 from jaxfem.rotation import nearest_rotation, quaternion_to_matrix
 from jaxfem.tensors import contract
 
@@ -132,15 +132,14 @@ def _riders(model: Model, carried: Mapping[str, tuple[int | None, Any]]) -> Ride
         local.append(turns[number].T @ arm)
         numbers.append(number)
     bodies = np.array(numbers)
-    start = jnp.asarray(np.asarray(model.rigid.start_orientation)[bodies], model.rest.dtype)
-    return Riders(jnp.asarray(bodies, jnp.int32), jnp.asarray(np.array(local), model.rest.dtype), start)
+    start = on_device(np.asarray(model.rigid.start_orientation)[bodies], model.rest.dtype)
+    return Riders(on_device(bodies, jnp.int32), on_device(local, model.rest.dtype), start)
 
 
 def _nothing(model: Model) -> Markers:
     dtype = model.rest.dtype
-    return Markers(
-        jnp.zeros((0, 4), jnp.int32), jnp.zeros((0, 4), dtype), jnp.zeros((0, 3), dtype), jnp.zeros((0, 4, 3), dtype)
-    )
+    weights, offsets, gradients = (on_device(np.zeros((0, *shape)), dtype) for shape in ((4,), (3,), (4, 3)))
+    return Markers(on_device(np.zeros((0, 4)), jnp.int32), weights, offsets, gradients)
 
 
 def _on_elements(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
@@ -164,10 +163,10 @@ def _on_elements(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     dtype = body.rest.dtype if isinstance(body, Model) else jnp.zeros(()).dtype
     gradients = shape_gradients(points, corners)[0]
     return Markers(
-        jnp.asarray(corners, jnp.int32),
-        jnp.asarray(weights, dtype),
-        jnp.asarray(offsets, dtype),
-        jnp.asarray(gradients, dtype),
+        on_device(corners, jnp.int32),
+        on_device(weights, dtype),
+        on_device(offsets, dtype),
+        on_device(gradients, dtype),
         names=tuple(places),
     )
 

@@ -7,13 +7,14 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.answers import described, is_array
 from jaxfem.batching import cond_any
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
-from jaxfem.pytrees import Pytree
+from jaxfem.pytrees import Pytree, on_device
 from jaxfem.rows.base import Rows
 from jaxfem.solvers.differentiation import recomputed
 from jaxfem.solvers.status import Status
@@ -103,7 +104,7 @@ class RowMethod(Method):
                 (name, rows.bias) for name, rows in self.solved_rows(system_of(model, params, bare, step, None)).items()
             )
         )
-        return OrderedDict((name, jnp.zeros(each.shape, each.dtype)) for name, each in shapes.items())
+        return OrderedDict((name, on_device(np.zeros(each.shape), each.dtype)) for name, each in shapes.items())
 
     def impulses(self, model: Model, memory: Any) -> Impulses:
         """The memory itself."""

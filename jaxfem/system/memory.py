@@ -5,11 +5,13 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_mean, domain_strains
 from jaxfem.elements.finite import of_energy
 from jaxfem.elements.stretch import domain_stretches
 from jaxfem.model import Model, Params, State, domain_materials, element_constants
+from jaxfem.pytrees import on_device
 from jaxfem.schemes import Stage
 from jaxfem.tensors import inner
 
@@ -24,7 +26,9 @@ def soon(dtype: Any) -> Array:
 def first_memory(kinds: Sequence[Domains], dtype: Any) -> tuple[Any, ...] | None:
     """What is remembered at rest, one entry for each kind of domains; None where no material has a memory."""
     shapes = [(each.rows.stop - each.rows.start, *each.row_volumes.shape) for each in kinds]
-    found = tuple(each.law.internal0(jnp.zeros(shape, dtype)) for each, shape in zip(kinds, shapes, strict=True))
+    found = tuple(
+        each.law.internal0(on_device(np.zeros(shape), dtype)) for each, shape in zip(kinds, shapes, strict=True)
+    )
     return None if all(each is None for each in found) else found
 
 

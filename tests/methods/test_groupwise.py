@@ -91,6 +91,7 @@ def test_a_preconditioner_that_is_out_of_date_changes_no_solution():
     np.testing.assert_allclose(one.positions, two.positions, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_the_binding_iteration_goes_to_the_exact_one():
     model, params, state = built(Groupwise(groups=3))
     k = float(binding_limit(model, params, state, DT)) / 2
@@ -104,6 +105,7 @@ def test_the_binding_iteration_goes_to_the_exact_one():
     assert off[1] < 0.3 * off[0] and gaps[1] < 0.3 * gaps[0]
 
 
+@pytest.mark.slow
 def test_the_limit_of_the_coefficient_is_enforced_or_told():
     """A little above 2 over the true largest eigenvalue it diverges; the computed limit is below that, not far."""
     model, params, state = built(Groupwise(groups=3))
@@ -129,6 +131,7 @@ def test_single_precision():
     np.testing.assert_allclose(single.positions, double.positions, atol=2e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("binding", ["exact", 20.0])
 def test_derivatives_and_lanes(binding):
     model, params, state = built(Groupwise(groups=3, binding=binding, rounds=4))
@@ -146,6 +149,7 @@ def test_derivatives_and_lanes(binding):
     np.testing.assert_allclose(both, [run(*each) for each in lanes], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_driven_end_and_two_bodies():
     mesh = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1))
     values = dict(young=YOUNG, poisson=POISSON, density=DENSITY)

@@ -144,7 +144,7 @@ def spinning(scene, rates):
     return np.stack([rate * np.cross((0.2, 1.0, 0.3), arms) for rate in rates])
 
 
-@pytest.mark.parametrize("scheme", ["backward_euler", "generalized_alpha"])
+@pytest.mark.parametrize("scheme", ["backward_euler", pytest.param("generalized_alpha", marks=pytest.mark.slow)])
 def test_free_bodies_are_rollouts(scheme):
     """They fall, spin and turn far, over a factor of 100 in E; what turns too far in a step has that status."""
     scene = thrown(scheme)

@@ -16,6 +16,7 @@ from jaxfem.answers import asked, described, is_array, odd_leaf
 from jaxfem.declared.errors import SceneError, refuse_traced
 from jaxfem.loads import ResolvedLoad, WeightedForce
 from jaxfem.mesh import TetMesh
+from jaxfem.pytrees import on_device
 from jaxfem.registry import Registry
 
 
@@ -120,7 +121,7 @@ LOADS: Registry[Load] = Registry("load")
 
 def weighted(nodes: np.ndarray, weights: np.ndarray, dtype: Any) -> WeightedForce:
     """Shares of a value on nodes, on the device."""
-    return WeightedForce(jnp.asarray(nodes, jnp.int32), jnp.asarray(weights, dtype))
+    return WeightedForce(on_device(nodes, jnp.int32), on_device(weights, dtype))
 
 
 def surface_faces(body: Loaded, faces: Any) -> np.ndarray:

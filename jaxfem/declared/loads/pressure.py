@@ -6,6 +6,7 @@ import jax.numpy as jnp
 
 from jaxfem.declared.loads.base import Load, Loaded, surface_faces
 from jaxfem.loads import FacePressure, ResolvedLoad
+from jaxfem.pytrees import on_device
 
 
 class Pressure(Load, kind="pressure"):
@@ -23,4 +24,4 @@ class Pressure(Load, kind="pressure"):
         """The faces themselves: areas and normals are those of the moment."""
         faces = surface_faces(body, self.faces)
         self.checked(body, "pressure", ())
-        return FacePressure(jnp.asarray(faces + offset, jnp.int32))
+        return FacePressure(on_device(faces + offset, jnp.int32))

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.pytrees import Pytree
+from jaxfem.pytrees import Pytree, on_device
 from jaxfem.solvers.elimination_order import EliminationOrder, core_size, elimination_order
 
 Node = tuple[frozenset[int], list[tuple[int, int]]]
@@ -65,8 +65,8 @@ def row_order(triples: Sequence[np.ndarray], heights: Sequence[int], body_of: np
     rows, places, acted, parts = _placed(nodes, size, triples, heights, body_of, row_starts, part_starts)
     shared = _shared(elimination.pairs, acted, int(body_of.shape[0]))
     found = RowOrder(rows, places, acted, parts, shared, elimination)
-    on_device: RowOrder = jax.tree.map(lambda leaf: jnp.asarray(leaf, jnp.int32), found)
-    return on_device
+    placed: RowOrder = jax.tree.map(lambda leaf: on_device(leaf, jnp.int32), found)
+    return placed
 
 
 def _nodes(

@@ -83,7 +83,7 @@ def told(infos: StepInfo) -> dict[str, Array]:
 
 
 class Engine:
-    """A way to compute chunks; where nothing else is asked for `width` variants in each, and on accelerators more, until
+    """A way to compute chunks; where nothing else is asked for `width` variants in each, on accelerators more, until
     they have `elements` together."""
 
     name: ClassVar[str]

@@ -62,8 +62,8 @@ def rotation(body: Body, f: Array) -> tuple[Array, Array]:
 
 
 def _unit(body: Body, r: Array) -> Array:
-    """Rotations whose size was lost to rounding: that of the coefficients of F U^-1 is the same along all axes, and in
-    single precision a strain of 1e-7 to 1e-6, which stiff bodies that hardly move feel. First order of |r| = sqrt(3)."""
+    """Rotations with |R|^2 = 3 to first order. Rounding of the coefficients of F U^-1 is the same along all axes: in
+    single precision a strain of 1e-7 to 1e-6, which stiff bodies that hardly move feel."""
     stored = body.fence(lambda: r)
     size = body.fence(lambda: 1.5 - (stored * stored).sum((1, 2)) / 6)
     found: Array = stored * size[:, None, None]
