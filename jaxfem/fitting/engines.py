@@ -18,8 +18,8 @@ Linear = tuple[Array, Array, Outcome]
 AUTO = "auto"
 LANES, MOST = 8, 32  # points a chunk: a multiple of the first, at most the second
 PAYS = 150_000
-"""Elements times steps, and twice that for each further start, from which on a fit with some five Jacobians a start saves
-more time than its programs take longer to compile (10 to 20 s)."""
+"""Elements times steps, and twice that for each further start, from which on a fit with some five Jacobians a start
+saves more time than its programs take longer to compile (10 to 20 s)."""
 
 
 @dataclasses.dataclass(frozen=True)
