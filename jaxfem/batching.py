@@ -1,4 +1,5 @@
-"""What a batch does where the default is dear: a branch stays a branch, and solves that end at their own time do so."""
+"""What programs and batches do where the default is dear: small functions are one program outside of others, a branch
+stays a branch in a batch, and solves that end at their own time do so."""
 
 import functools
 from collections.abc import Callable
@@ -13,6 +14,15 @@ from jax.interpreters import batching, mlir
 Array = jax.Array
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
+
+
+def one_program(function: F) -> F:
+    """`function` of arrays and pytrees, as one program where it is called outside of others, not one an operation.
+
+    Inside of others nothing changes.
+    """
+    made: Any = jax.jit(function, inline=True)
+    return made  # type: ignore[no-any-return]
 
 
 def lanes_in_turn(function: F) -> F:

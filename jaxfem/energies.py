@@ -11,6 +11,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rigid.dynamics import rigid_energies
 from jaxfem.system.account import first_account
 from jaxfem.system.memory import beside_strain, resting_materials
+from jaxfem.tensors import inner
 
 Array = jax.Array
 
@@ -45,7 +46,7 @@ def energies(model: Model, params: Params, state: State) -> Energies:
     if model.rigid is not None and state.rigid is not None:
         kinetic, gravity = rigid_energies(model.rigid, params.rigid, params.gravity, state.rigid)
     return Energies(
-        kinetic=kinetic + 0.5 * jnp.vdot(state.velocities, momentum),
+        kinetic=kinetic + 0.5 * inner(state.velocities, momentum),
         elastic=total_elastic_energy(model, params, state.positions, state.internal),
         gravity=gravity - jnp.sum(weight * (state.positions - model.rest)),
         booked=state.account,

@@ -7,6 +7,7 @@ from typing import Any, NamedTuple, Protocol, Self
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_program
 from jaxfem.elements.domains import DomainMaterial, Domains
 from jaxfem.elements.finite import material_of
 from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diagonal
@@ -264,13 +265,17 @@ def nodal_stiffness(model: Model, params: Params) -> Array:
 
 def nodal_mass(model: Model, density: Array) -> Array:
     """Lumped mass of each node, (n,) [kg]: each element's mass shared by its four corners."""
-    density = jnp.asarray(density)
+    return _nodal_mass(jnp.asarray(density), model.nodal_volumes, model.node_body, model.elements)
+
+
+@one_program
+def _nodal_mass(density: Array, nodal_volumes: Array, node_body: Array, elements: Elements) -> Array:
     if density.ndim == 0 or density.shape == (1,):
-        return density.reshape(()) * model.nodal_volumes
-    if density.shape != (model.elements.count,):
-        return density[model.node_body] * model.nodal_volumes
-    quarter = density * model.elements.volumes / 4
-    return jnp.zeros_like(model.nodal_volumes).at[model.elements.cells].add(quarter[:, None])
+        return density.reshape(()) * nodal_volumes
+    if density.shape != (elements.count,):
+        return density[node_body] * nodal_volumes
+    quarter = density * elements.volumes / 4
+    return jnp.zeros_like(nodal_volumes).at[elements.cells].add(quarter[:, None])
 
 
 def shared_mass(model: Model, density: Array) -> SharedMass | None:

@@ -10,6 +10,7 @@ from jaxfem.materials.quantities import positive, signed
 from jaxfem.pytrees import Pytree
 from jaxfem.ranges import within
 from jaxfem.rotation import rotation_vector_to_matrix
+from jaxfem.tensors import matmul
 
 Array = jax.Array
 
@@ -36,5 +37,5 @@ def displaced(motion: Motion, rest: Array, time: Array) -> Array:
     turn = rotation_vector_to_matrix(motion.angular_velocity * time)
     angle = 2 * jnp.pi * motion.frequency * time + motion.phase
     shift = motion.velocity * time + motion.amplitude * (jnp.sin(angle) - jnp.sin(motion.phase))
-    moved: Array = motion.center + (rest - motion.center) @ turn.T + shift
+    moved: Array = motion.center + matmul(rest - motion.center, turn.T) + shift
     return moved

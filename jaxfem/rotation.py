@@ -14,7 +14,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import Array, lax
 
-from jaxfem.batching import cond_any
+from jaxfem.batching import cond_any, one_program
 from jaxfem.tensors import array_of, bordered, jacobi
 
 Components = tuple[tuple[Array, ...], ...]
@@ -27,6 +27,7 @@ TURNS = np.cross(np.eye(3)[:, None], np.eye(3)).swapaxes(1, 2)
 """(3, 3, 3): matrices of the cross products with the axes."""
 
 
+@one_program
 def nearest_rotation(F: Any) -> Array:
     """Nearest proper rotation of each matrix: argmax tr(R' F) over R with R' R = I, det R = +1.
 
@@ -42,7 +43,7 @@ def nearest_rotation(F: Any) -> Array:
     matrices take the top eigenvector of Davenport's quaternion matrix (Davenport 1968, Horn 1987) by Jacobi
     rotations, with an error of about eps |F| / (s2 + s3). Derivative as in Papadopoulo & Lourakis 2000.
     """
-    return jnp.asarray(_nearest(jnp.asarray(F)))  # outside jit its loop would be compiled anew, and kept, at each call
+    return _stack(polar_components(_components(F)))
 
 
 def polar_components(F: Sequence[Sequence[Array]]) -> Components:
@@ -51,9 +52,6 @@ def polar_components(F: Sequence[Sequence[Array]]) -> Components:
     `F[i][j]` are arrays of one shape (a (3, 3, ...) array will do) -> `R[i][j]`; all else as for `nearest_rotation`.
     """
     return _polar(_matrix(lambda i, j: F[i][j]))
-
-
-_nearest = jax.jit(lambda F: _stack(polar_components(_components(F))), inline=True)
 
 
 @jax.custom_jvp
@@ -211,6 +209,7 @@ def _unit(v: Vector, fallback: Any) -> Vector:
     return tuple(u / norm for u in v)
 
 
+@one_program
 def quaternion_to_matrix(q: Any) -> Array:
     """Rotation matrix of a quaternion, scalar first: (..., 4) -> (..., 3, 3).
 
@@ -225,6 +224,7 @@ def quaternion_to_matrix(q: Any) -> Array:
     return R
 
 
+@one_program
 def quaternion_multiply(p: Any, q: Any) -> Array:
     """Hamilton product, scalar first: (..., 4), (..., 4) -> (..., 4). As matrices: first q, then p."""
     p, q = jnp.asarray(p), jnp.asarray(q)
@@ -233,6 +233,7 @@ def quaternion_multiply(p: Any, q: Any) -> Array:
     return jnp.stack((a * w - _dot(u, v), *(a * v[i] + w * u[i] + across[i] for i in AXES)), axis=-1)
 
 
+@one_program
 def quaternion_from_rotation_vector(v: Any) -> Array:
     """Unit quaternion, scalar first, of a rotation by |v| rad about v: (..., 3) -> (..., 4); smooth at v = 0."""
     v = jnp.asarray(v)

@@ -48,6 +48,24 @@ def vex(matrix: Array) -> Array:
     return 0.5 * jnp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
 
 
+EXACT = jax.lax.Precision.HIGHEST
+
+
+def contract(subscripts: str, *operands: Array) -> Array:
+    """`jnp.einsum` in all digits: accelerators otherwise take ten bits of single precision, and joints open by that."""
+    return jnp.einsum(subscripts, *operands, precision=EXACT)
+
+
+def matmul(a: Array, b: Array) -> Array:
+    """`a @ b` in all digits, as `contract`."""
+    return jnp.matmul(a, b, precision=EXACT)
+
+
+def inner(a: Array, b: Array) -> Array:
+    """`jnp.vdot` in all digits, as `contract`."""
+    return jnp.vdot(a, b, precision=EXACT)
+
+
 def taken(field: Array, index: Array) -> Array:
     """field[index] with what is taken side by side: (n, 3) and (..., k) -> (..., 3 k).
 

@@ -19,7 +19,7 @@ from jaxfem.solvers.eigen import lowest_eigenpairs
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.stepping import StepError, check_call, typed
-from jaxfem.tensors import array_of
+from jaxfem.tensors import array_of, contract
 
 Array = jax.Array
 Eigenpairs = tuple[Array, Array, Array]
@@ -126,14 +126,14 @@ def _eigenpairs_jvp(
     # With s'Ms = 1:  d lambda = s'(dK - lambda dM) s,  and  (K - lambda M) ds = -(dK - lambda dM - d lambda M) s.
     (_, momenta), (stiff_change, mass_change) = jax.jvp(products, (inputs,), (change,))
     force = stiff_change - values[:, None, None] * mass_change
-    mixed = jnp.einsum("iak,jak->ij", force, shapes)  # s_j'(dK - lambda_i dM) s_i
+    mixed = contract("iak,jak->ij", force, shapes)  # s_j'(dK - lambda_i dM) s_i
     gap = values[:, None] - values[None]
     size = jnp.abs(values)[:, None] + jnp.abs(values)[None] + _shift(inputs)
     apart = jnp.abs(gap) > _REPEATED * size
     weights = jnp.where(apart, mixed / jnp.where(apart, gap, 1), 0)
     weights -= 0.5 * jnp.diag(_inner(shapes, mass_change))
-    within = jnp.einsum("ij,jak->iak", weights, shapes)
-    outside = force - jnp.einsum("ij,jak->iak", mixed, momenta)
+    within = contract("ij,jak->iak", weights, shapes)
+    outside = force - contract("ij,jak->iak", mixed, momenta)
     beyond = _beyond(mass, inputs, values, shapes, momenta, outside)
     return (values, shapes, errors), (jnp.diagonal(mixed), within - beyond, jnp.zeros_like(errors))
 
@@ -148,8 +148,8 @@ def _beyond(mass: MassKind, inputs: _Inputs, values: Array, shapes: Array, momen
     def operator(value: Array, vector: Array) -> Array:
         inner = _without(vector, shapes, momenta)
         product = _stiffness(inputs, inner) - value * _mass(mass, inputs, inner)
-        onto = jnp.einsum("jak,ak->j", momenta, vector)
-        return _without(product, momenta, shapes) + top * jnp.einsum("j,jak->ak", onto, momenta)
+        onto = contract("jak,ak->j", momenta, vector)
+        return _without(product, momenta, shapes) + top * contract("j,jak->ak", onto, momenta)
 
     def solve(_: Any, vectors: Array) -> Array:
         known = jax.lax.stop_gradient((inputs, values, shapes, momenta))
@@ -183,15 +183,15 @@ def _solve_beyond(
         floor = jnp.finfo(s.dtype).eps * jnp.linalg.norm(vector)
         limits = {"tol": model.tolerance, "max_iterations": model.max_iterations, "absolute": floor}
         found = or_nan(*pcg(matvec, _without(vector, ms, s), invert, **limits))
-        onto = jnp.einsum("jak,ak->j", s, vector) / top
-        return pattern.scattered(found + jnp.einsum("j,jak->ak", onto, s))
+        onto = contract("jak,ak->j", s, vector) / top
+        return pattern.scattered(found + contract("j,jak->ak", onto, s))
 
     return jax.vmap(one)(values, rights)
 
 
 def _without(vector: Array, basis: Array, dual: Array) -> Array:
     """A field less its part along `basis` (count, n, 3), told by products with `dual`."""
-    return vector - jnp.einsum("j,jak->ak", jnp.einsum("jak,ak->j", dual, vector), basis)
+    return vector - contract("j,jak->ak", contract("jak,ak->j", dual, vector), basis)
 
 
 def _operators(inputs: _Inputs) -> tuple[Any, Any, Array]:

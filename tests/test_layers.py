@@ -85,3 +85,15 @@ def test_one_module_alone_knows_meshio():
     """It is no longer kept up: what replaces it must have one place to go to."""
     users = [p.name for p in ROOT.rglob("*.py") if "import meshio" in p.read_text()]
     assert users == ["foreign.py"]
+
+
+def test_products_take_all_digits_on_every_device():
+    """Accelerators take ten bits of single precision where nothing is said: so `jaxfem.tensors` says it."""
+    words, loose = {"einsum", "vdot", "dot", "inner", "matmul", "tensordot"}, []
+    for path in ROOT.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute) and node.func.attr in words:
+                of_jax = isinstance(node.func.value, ast.Name) and node.func.value.id == "jnp"
+                if of_jax and "precision" not in {keyword.arg for keyword in node.keywords}:
+                    loose.append(f"{path.relative_to(ROOT)}:{node.lineno}")
+    assert not loose

@@ -35,6 +35,7 @@ from jaxfem.system.memory import first_memory
 # matrix is dense: its product may cost as much as the fine one's, so their number grows with the root of the nodes'.
 GROUP_NODES = 12
 MOST_GROUPS = 96
+TOLERANCES = {True: 1e-8, False: 1e-5}  # relative residuals in double and single precision
 
 
 def build(
@@ -95,8 +96,7 @@ def build(
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
-    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
-    state = state.replace(carry=first_carry(state, points))
+    state = state.replace(carry=first_carry(state, _points(bodies)))
     return with_method(Built(_facts(scene, model), model, params, state), asked, rotation_update, solver)
 
 
@@ -133,7 +133,7 @@ def _model(
     scheme: Scheme,
     mass: MassKind,
 ) -> Model:
-    points = np.concatenate([np.zeros((0, 3)), *(b.mesh.points for b in bodies)])
+    points = _points(bodies)
     own = [b.mesh.cells + o for b, o in zip(bodies, offsets[:-1], strict=True)]
     cells = np.concatenate([np.zeros((0, 4), np.int64), *own])
     gradients, volumes = shape_gradients(points, cells)
@@ -141,21 +141,17 @@ def _model(
     free, driven = _supports(bodies, offsets)
     node_body = np.repeat(np.arange(len(bodies)), np.diff(offsets))
     body_of_element = np.repeat(np.arange(len(bodies)), [len(b.mesh.cells) for b in bodies])
-    elements = Elements(
-        on_device(cells, jnp.int32),
-        jnp.asarray(gradients.transpose(1, 2, 0), dtype),
-        jnp.asarray(volumes, dtype),
-        on_device(body_of_element, jnp.int32),
-    )
-    if tolerance is None:
-        tolerance = 1e-8 if dtype == jnp.float64 else 1e-5
-    most = max(MOST_GROUPS, round(1.5 * len(points) ** 0.5))
-    groups = body_groups(points, node_body, GROUP_NODES, most) if bodies else []
+    groups = _groups(points, node_body)
     place = solver_order(len(points), groups)[2] if bodies else np.zeros(0, np.int64)
     domains = body_domains(bodies, cells, gradients, volumes, body_of_element, place, points, dtype)
     return Model(
         rest=jnp.asarray(points, dtype),
-        elements=elements,
+        elements=Elements(
+            on_device(cells, jnp.int32),
+            jnp.asarray(gradients.transpose(1, 2, 0), dtype),
+            jnp.asarray(volumes, dtype),
+            on_device(body_of_element, jnp.int32),
+        ),
         domains=domains,
         nodal_volumes=jnp.asarray(nodal_volumes, dtype),
         node_body=on_device(node_body, jnp.int32),
@@ -165,7 +161,7 @@ def _model(
             load.entered(b, int(o), dtype) for b, o in zip(bodies, offsets[:-1], strict=True) for load in b.loads
         ),
         driven=tuple(on_device(d, jnp.int32) for d in driven),
-        tolerance=jnp.asarray(tolerance, dtype),
+        tolerance=jnp.asarray(TOLERANCES[dtype.itemsize > 4] if tolerance is None else tolerance, dtype),
         max_iterations=jnp.asarray(max_iterations, jnp.int32),
         scheme=scheme,
         method=Condensed(),  # until all is known: see `choose.py`
@@ -177,6 +173,18 @@ def _model(
         more_constants=more_constants(bodies),
         load_units=tuple(load.unit for b in bodies for load in b.loads),
     )
+
+
+def _points(bodies: Sequence[SoftBody]) -> np.ndarray:
+    """Nodes of all bodies, (n, 3)."""
+    return np.concatenate([np.zeros((0, 3)), *(body.mesh.points for body in bodies)])
+
+
+def _groups(points: np.ndarray, node_body: np.ndarray) -> list[np.ndarray]:
+    """Nodes of each group of the preconditioner's coarse space."""
+    if not len(points):
+        return []
+    return body_groups(points, node_body, GROUP_NODES, max(MOST_GROUPS, round(1.5 * len(points) ** 0.5)))
 
 
 def _supports(bodies: Sequence[SoftBody], offsets: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:

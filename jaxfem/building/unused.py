@@ -4,12 +4,15 @@ import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.declared import RigidBody
 from jaxfem.declared.scene import Scene, SoftBody
+from jaxfem.loads import ResolvedLoad
 from jaxfem.model import Model, Params
 
 
@@ -40,15 +43,22 @@ def _of_rigid(bodies: Sequence[RigidBody], names: Sequence[str]) -> Iterator[str
 
 def _of_soft(bodies: Sequence[SoftBody], model: Model) -> Iterator[str]:
     """Loads that act on held nodes alone, and velocities of bodies that are held altogether."""
-    free, owner, loads = np.asarray(model.free) > 0, np.asarray(model.node_body), iter(model.loads)
+    free, owner = np.asarray(model.free) > 0, np.asarray(model.node_body)
+    loads = iter(_reached(model.loads, [jnp.asarray(each.value) for body in bodies for each in body.loads], model.rest))
     for number, (body, name) in enumerate(zip(bodies, model.bodies, strict=True)):
         for each in body.loads:
-            value = jnp.ones_like(jnp.asarray(each.value, model.rest.dtype))
-            reached = np.any(np.asarray(next(loads).force(value, model.rest)) != 0, axis=1)
+            reached = np.asarray(next(loads))
             if reached.any() and not (reached & free).any():
                 yield f'a {type(each).__name__} on "{name}", on nodes that are all fixed or driven'
         if np.any(np.asarray(body.velocity, float)) and not free[owner == number].any():
             yield f'velocity of "{name}", whose nodes are all fixed or driven'
+
+
+@one_program
+def _reached(loads: Sequence[ResolvedLoad], values: Sequence[Any], rest: jax.Array) -> list[jax.Array]:
+    """Whether each load would act on each node, (n,)."""
+    ones = [jnp.ones(jnp.shape(value), rest.dtype) for value in values]
+    return [jnp.any(load.force(one, rest) != 0, axis=1) for load, one in zip(loads, ones, strict=True)]
 
 
 def _of_pairs(scene: Scene, rigid: Sequence[str], model: Model) -> Iterator[str]:

@@ -16,10 +16,11 @@ from jaxfem.cli.progress import Progress
 from jaxfem.io.plots import PlotError
 from jaxfem.io.sweep_files import SweepFile, load_sweep
 from jaxfem.io.sweep_plots import plot_pairs, plot_responses
+from jaxfem.solvers import describe
 from jaxfem.sweeping.chunks import Sweep
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.indices import sensitivity_indices, write_indices
-from jaxfem.sweeping.merging import Merged, merge
+from jaxfem.sweeping.merging import Merged, check_writers, merge
 from jaxfem.sweeping.result import columns
 from jaxfem.sweeping.shards import Manifest, begun, missing, read_manifest, read_shard, work, write_manifest
 
@@ -48,8 +49,10 @@ def add(subparsers: Any) -> None:
 
 
 def run(args: argparse.Namespace) -> int:
-    """Run what is missing and merge it; 0 at the end, 3 when a process failed, 130 when interrupted."""
+    """Run what is missing and merge it; 0 at the end, 3 when a process failed or no variant converged, 130 when
+    interrupted."""
     file = load_sweep(args.file)
+    check_writers(file.table, file.arrays)
     if file.scene.precision == "float64":
         jax.config.update("jax_enable_x64", True)
     folder = Path(args.out) if args.out else file.folder
@@ -77,7 +80,10 @@ def run(args: argparse.Namespace) -> int:
         merged.files.extend(_indices(file, folder, manifest))
     merged.files.extend(_plots(file, folder, manifest) if file.plots and not args.no_plots else [])
     print(_summary(file, manifest, merged, todo, time.perf_counter() - start, processes, folder))
-    return 0
+    if describe(0) in merged.statuses:
+        return 0
+    error("no variant converged: see the problem of each in the table")
+    return EXIT_FAILED
 
 
 def _planned(file: SweepFile) -> Manifest:

@@ -3,6 +3,8 @@
 import jax
 import jax.numpy as jnp
 
+from jaxfem.tensors import contract
+
 Array = jax.Array
 
 
@@ -11,7 +13,7 @@ def barycentric(corners: Array, places: Array) -> Array:
     a, b, c = (corners[:, i] - corners[:, 0] for i in (1, 2, 3))
     way = places - corners[:, 0]
     across = jnp.stack([jnp.cross(b, c), jnp.cross(c, a), jnp.cross(a, b)], 1)
-    others = jnp.einsum("mai,mi->ma", across, way) / jnp.sum(a * across[:, 0], -1)[:, None]
+    others = contract("mai,mi->ma", across, way) / jnp.sum(a * across[:, 0], -1)[:, None]
     return jnp.concatenate([1 - others.sum(1, keepdims=True), others], 1)
 
 
@@ -24,7 +26,7 @@ def foot_weights(corners: Array, places: Array, active: Array) -> Array:
     way = corners - places[:, None]
     size = jax.lax.stop_gradient(jnp.max(jnp.abs(corners - corners[:, :1]), axis=(1, 2)))
     way = jnp.where(active[..., None], way / size[:, None, None], 0)
-    gram = jnp.einsum("mai,mbi->mab", way, way) + jnp.eye(4, dtype=way.dtype) * jnp.where(active, 0, 1)[:, :, None]
+    gram = contract("mai,mbi->mab", way, way) + jnp.eye(4, dtype=way.dtype) * jnp.where(active, 0, 1)[:, :, None]
     ones = active.astype(gram.dtype)
     top = jnp.concatenate([gram, ones[:, :, None]], 2)
     bottom = jnp.concatenate([ones[:, None, :], jnp.zeros((len(ones), 1, 1), gram.dtype)], 2)

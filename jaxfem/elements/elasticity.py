@@ -15,7 +15,7 @@ from jaxfem.elements.domains import (
     row_means,
 )
 from jaxfem.elements.tetra import RotationKind
-from jaxfem.tensors import Matrix3, product, symmetric, to_eigenbasis, transposed
+from jaxfem.tensors import Matrix3, inner, product, symmetric, to_eigenbasis, transposed
 
 Array = jax.Array
 
@@ -55,7 +55,7 @@ def elastic_response(
             continue
         strain = material.from_rest(strain)
         impulse = [each.row_volumes * w * s for w, s in zip(material.weights(each), strain, strict=True)]
-        energy = energy + 0.5 * sum(jnp.vdot(p, s) for p, s in zip(impulse, strain, strict=True))
+        energy = energy + 0.5 * sum(inner(p, s) for p, s in zip(impulse, strain, strict=True))
         force = force + domain_force(each, rotation, [-p for p in impulse], positions.shape[0])
         rotations.append(rotation)
     return energy, force, rotations

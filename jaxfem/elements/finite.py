@@ -18,6 +18,7 @@ from jaxfem.tensors import (
     EIGENBASIS,
     Matrix3,
     array_of,
+    contract,
     determinant,
     matrix_of,
     product,
@@ -236,6 +237,6 @@ def _drag_density(domains: Domains, material: LawMaterial, drag: Drag, gradient:
 def _drag_tangent(domains: Domains, material: LawMaterial, drag: Drag) -> Array:
     """Second derivative (9, 9, D) of `_drag_density`: beta share B' D B, with B the rows of sym(R' dF)."""
     basis = jnp.asarray(EIGENBASIS[domains.rows], drag.rotation.dtype)
-    rows = jnp.einsum("ikd,rkj->rijd", drag.rotation, basis).reshape(len(basis), 9, -1)
+    rows = contract("ikd,rkj->rijd", drag.rotation, basis).reshape(len(basis), 9, -1)
     weights = jnp.stack([jnp.broadcast_to(w, rows.shape[-1:]) for w in material.weights(domains)])
-    return jnp.einsum("rad,rd,rbd->abd", rows, material.damping * drag.share * weights, rows)
+    return contract("rad,rd,rbd->abd", rows, material.damping * drag.share * weights, rows)

@@ -184,9 +184,7 @@ def _stretched(evaluator: Evaluator, share: float, axis: int) -> Evaluator:
 
 def _changed(evaluator: Evaluator, change: Callable[[Any], dict[str, Any]]) -> Evaluator:
     """The fit with other fields, `change` of a problem or of data beside markers, of every scene in it."""
-    pieces = [
-        dataclasses.replace(piece, problem=piece.problem.replace(**change(piece.problem))) for piece in evaluator.pieces
-    ]
+    pieces = [piece.on(piece.problem.replace(**change(piece.problem))) for piece in evaluator.pieces]
     priors = evaluator.priors
     if priors is not None:
         data = tuple(each.on(**change(each.aside)) for each in priors.data)
@@ -205,7 +203,7 @@ def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:
                 off[marker, axis] = places
                 changed = piece.problem.replace(markers=moved_markers(markers, model, off))
                 pieces = list(evaluator.pieces)
-                pieces[k] = dataclasses.replace(piece, problem=changed)
+                pieces[k] = piece.on(changed)
                 found.append(Evaluator(pieces, evaluator.unknowns))
     return found
 

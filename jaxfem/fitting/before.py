@@ -5,6 +5,7 @@ at the start: does the body move the way that was recorded, does every parameter
 apart at all.
 """
 
+import dataclasses
 from collections.abc import Sequence
 from typing import Any
 
@@ -12,13 +13,15 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
+from jaxfem.fitting.course_checks import course_faults, rigid_faults
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
+from jaxfem.fitting.markers import Markers, carried
 from jaxfem.fitting.measurement import Measurement
-from jaxfem.fitting.objective import linearised, pixels
+from jaxfem.fitting.objective import pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults
+from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults, leap_faults
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
@@ -59,10 +62,24 @@ def written_faults(
     if not faults:
         faults = [
             *camera_faults(recording, is_held(model)),
-            *(again_faults(recording, measured) if is_held(model) else []),
+            *([*again_faults(recording, measured), *leap_faults(measured)] if is_held(model) else []),
             *late_faults(measured, falling(model, params, state, late)),
         ]
     return faults, [*notes, *pauses_in_words(recording)]
+
+
+def looked_through(
+    recording: Recording, markers: Markers, nominal: np.ndarray, model: Model, begin: float, end: float
+) -> tuple[list[str], list[str]]:
+    """(faults, notes) of the course of the motion from `begin` to `end` [s], where the body is held or rigid."""
+    rows = (recording.times >= begin) & (recording.times <= end)
+    if rows.sum() < 2:
+        return [], []
+    part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
+    if not is_held(model):
+        return rigid_faults(part, carried(markers)), []
+    held = np.asarray(model.rest)[np.asarray(model.free) == 0]
+    return course_faults(part, nominal, held.mean(axis=0), not model.has_memory)
 
 
 def load_acceleration(model: Model, params: Params, state: State) -> float | None:
@@ -99,7 +116,7 @@ def start_faults(
     may mend."""
     faults, columns, size = [], [], 0.0
     for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
-        residual, own, outcome = linearised(piece.at(z), piece.problem, piece.plan)
+        residual, own, outcome = piece.linearised(z)
         jacobian = np.zeros((z.size, residual.size))
         jacobian[piece.columns] = np.asarray(own, np.float64).reshape(len(piece.columns), -1)
         if Status(int(outcome.status)) in BROKEN or not (np.isfinite(residual).all() and np.isfinite(jacobian).all()):

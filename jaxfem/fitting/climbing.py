@@ -1,7 +1,9 @@
 """Levenberg-Marquardt: least squares from one point, or from many whose simulations run side by side.
 
 A climb is written once, as a generator: it asks for the residuals of a point, with or without derivatives, and goes on
-with them. Whoever drives it decides how they are made.
+with them. Whoever drives it decides how they are made. Derivatives cost several simulations: a step that went about
+where they said corrects them by what was found there (Broyden 1965), and new ones are made where one did not, and to
+tell the end.
 """
 
 import dataclasses
@@ -10,10 +12,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.evaluation import Evaluator, Near
 from jaxfem.fitting.weighting import Plain, Weighting
 
 Ended = tuple[np.ndarray, float]
+TRIES = 8
+FINER = 0.01
+"""Share of the gain to stop at, where derivatives were only corrected: what they promise is less sure, and cheap."""
+FORETOLD = 0.3
+"""Share of a step's change that may be other than foretold, for the derivatives to serve another step."""
 
 
 class Ask(NamedTuple):
@@ -21,9 +28,6 @@ class Ask(NamedTuple):
 
     z: np.ndarray
     derivatives: bool
-
-
-Climb = Generator[Ask, Any, Ended]
 
 
 @dataclasses.dataclass(frozen=True)
@@ -48,6 +52,13 @@ class Goal:
         step = _damped_step(normal[np.ix_(free, free)], gradient[free], 1e-12)
         return float(-gradient[free] @ step) / max(self.evaluator.samples, 1) / loss
 
+    def misses(self, step: np.ndarray, r: Any, jacobian: Any, new: Any) -> float:
+        """By how much the residuals `new` behind a step are off what was foretold, as a share of their change."""
+        before, after = self.weighting.residual(r), self.weighting.residual(new)
+        change = after - before
+        off = change - step @ self.weighting.columns(jacobian)
+        return float(np.linalg.norm(off) / max(np.linalg.norm(change), np.finfo(float).tiny))
+
     def _before(self, z: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
         if self.evaluator.priors is None:
             return 0.0, np.zeros((z.size, z.size)), np.zeros(z.size)
@@ -68,14 +79,16 @@ def levenberg_marquardt(
     *,
     chosen: np.ndarray | None = None,
     tol: float = 1e-9,
+    sure: bool = True,
 ) -> Ended:
     """Least squares from z inside the box: (z, loss). Stops when a step gains less than `tol` of the loss.
 
     Levenberg 1944, Marquardt 1963, with steps of at most a factor e and unknowns held at bounds they push against. No
     step is tried where even the undamped one promises less: its Jacobian then serves whoever goes on from z.
-    `chosen` (P,): those that are searched, all of them when None.
+    `chosen` (P,): those that are searched, all of them when None; `sure`: that the end is one is told by derivatives
+    made there.
     """
-    climb = _climb(Goal(evaluator, weighting or Plain()), z, iterations, chosen, tol)
+    climb = _climb(Goal(evaluator, weighting or Plain()), z, iterations, chosen, tol, sure)
     try:
         ask = next(climb)
         while True:
@@ -95,52 +108,86 @@ def all_together(
 ) -> list[Ended]:
     """`levenberg_marquardt` from each of the starts; what they ask for at a time is simulated side by side."""
     goal = Goal(evaluator, weighting or Plain())
-    climbs = [_climb(goal, z, iterations, chosen, tol) for z in starts]
-    asked = {number: next(climb) for number, climb in enumerate(climbs)}
-    ended: dict[int, Ended] = {}
+    climbs = [_climb(goal, z, iterations, chosen, tol, True) for z in starts]
+    asked, ended = dict[int, Ask](), dict[int, Ended]()
+
+    def go_on(number: int, told: Any) -> None:
+        try:
+            asked[number] = climbs[number].send(told)
+        except StopIteration as end:
+            ended[number] = end.value
+            asked.pop(number, None)
+
+    for number in range(len(climbs)):
+        go_on(number, None)
     while asked:
         # Trials first: those that need several then catch up with the others before the next derivatives.
         derivatives = all(ask.derivatives for ask in asked.values())
         now = [number for number, ask in asked.items() if ask.derivatives == derivatives]
         found = evaluator.together([asked[number].z for number in now], derivatives)
         for number, told in zip(now, found, strict=True):
-            try:
-                asked[number] = climbs[number].send(told)
-            except StopIteration as end:
-                ended[number] = end.value
-                del asked[number]
+            go_on(number, told)
     return [ended[number] for number in range(len(climbs))]
 
 
-def _climb(goal: Goal, z: np.ndarray, iterations: int, chosen: np.ndarray | None, tol: float) -> Climb:
+def _climb(
+    goal: Goal, z: np.ndarray, iterations: int, chosen: np.ndarray | None, tol: float, sure: bool
+) -> Generator[Ask, Any, Ended]:
     """The steps, as what they ask for: (z, loss) at the end."""
     chosen = np.ones(z.size, bool) if chosen is None else chosen
     low, high = goal.evaluator.unknowns.box
-    damping = 1e-3
+    damping, at, last = 1e-3, goal.evaluator.near, goal.evaluator.last
+    made_here = last is not None and np.array_equal(last[0], z)  # asked for again they cost nothing
+    if at is None or made_here or not np.array_equal(at.z, z):
+        at = yield from _made(z)
     for _ in range(iterations):
-        r, jacobian, _ = yield Ask(z, True)
-        loss, normal, gradient = goal.linear(z, r, jacobian)
+        loss, normal, gradient = goal.linear(at.z, at.r, at.jacobian)
         if not (np.isfinite(loss) and np.isfinite(normal).all()):
-            return z, loss
-        free = chosen & ~((z <= low) & (gradient > 0)) & ~((z >= high) & (gradient < 0))
-        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < tol:
-            return z, loss
-        trial, gain, damping = yield from _better(goal, z, loss, normal, gradient, free, damping)
+            return at.z, loss
+        free = chosen & ~((at.z <= low) & (gradient > 0)) & ~((at.z >= high) & (gradient < 0))
+        certain = at.made or not sure
+        least = tol if certain else FINER * tol
+        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < least:
+            if certain:
+                break
+            at = yield from _made(at.z)
+            continue
+        tries = TRIES if at.made else 1
+        trial, new, gain, damping = yield from _better(goal, at.z, loss, normal, gradient, free, damping, tries)
         if trial is None:
-            return z, loss
-        moved, z = np.abs(trial - z).max(), trial
-        if gain < tol or moved < 1e-8:
-            return z, loss * (1 - gain)
-    r, *_ = yield Ask(z, False)
-    return z, goal.value(z, r)
+            if at.made:
+                break
+            at = yield from _made(at.z)
+            continue
+        small = gain < least or np.abs(trial - at.z).max() < 1e-8
+        foretold = goal.misses(trial - at.z, at.r, at.jacobian, new) < FORETOLD
+        stepped = at.stepped(trial, new)
+        at = stepped if foretold or (small and certain) else (yield from _made(trial))
+        if small and certain:
+            break
+    goal.evaluator.near = at
+    return at.z, goal.value(at.z, at.r)
+
+
+def _made(z: np.ndarray) -> Generator[Ask, Any, Near]:
+    """Residuals and derivatives made at z."""
+    r, jacobian, _ = yield Ask(z, True)
+    return Near(z.copy(), r, jacobian, True)
 
 
 def _better(
-    goal: Goal, z: np.ndarray, loss: float, normal: np.ndarray, gradient: np.ndarray, free: np.ndarray, damping: float
-) -> Generator[Ask, Any, tuple[np.ndarray | None, float, float]]:
-    """A point with less loss: (z or None, share of the loss gained, next damping)."""
+    goal: Goal,
+    z: np.ndarray,
+    loss: float,
+    normal: np.ndarray,
+    gradient: np.ndarray,
+    free: np.ndarray,
+    damping: float,
+    tries: int,
+) -> Generator[Ask, Any, tuple[np.ndarray | None, Any, float, float]]:
+    """A point with less loss: (z or None, its residuals, share of the loss gained, next damping)."""
     low, high = goal.evaluator.unknowns.box
-    for _ in range(8):
+    for _ in range(tries):
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
         longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
@@ -149,11 +196,11 @@ def _better(
         r, *_ = yield Ask(trial, False)
         new = goal.value(trial, r)
         if new < loss:
-            return trial, 1 - new / loss, max(damping / 10, 1e-12)
+            return trial, r, 1 - new / loss, max(damping / 10, 1e-12)
         if np.abs(trial - z).max() < 1e-8:
             break
         damping *= 10
-    return None, 0.0, damping
+    return None, None, 0.0, damping
 
 
 def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:

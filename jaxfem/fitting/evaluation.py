@@ -8,23 +8,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.objective import (
-    Outcome,
-    Plan,
-    Problem,
-    linearised,
-    linearised_of_many,
-    residuals,
-    residuals_of_many,
-)
+from jaxfem.fitting.engines import Engine, chosen
+from jaxfem.fitting.objective import Outcome, Plan, Problem
 from jaxfem.fitting.priors import Priors
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.solvers import Status
 
 Progress = Callable[[str, int, float, dict[str, float]], None]
+Arrays = list[np.ndarray]
 Linear = tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]
-LANES = 8
-"""Points that are simulated side by side."""
 BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
@@ -42,23 +34,43 @@ class Visit:
 
 @dataclasses.dataclass(frozen=True)
 class Piece:
-    """One take as it is compiled: `problem`, `plan`, and which unknowns z are its own, `columns` (p,)."""
+    """One take as it is compiled: `problem`, `plan`, and which unknowns z are its own, `columns` (p,); `engine`: how it
+    is simulated."""
 
     problem: Problem
     plan: Plan
     columns: np.ndarray
+    engine: Engine = dataclasses.field(default_factory=Engine)
 
     def with_steps(self, every: int) -> "Piece":
         """The same with `every` steps a saved frame."""
-        dt = self.problem.dt * self.plan.every / every
-        return Piece(self.problem.replace(dt=dt), dataclasses.replace(self.plan, every=every), self.columns)
+        dt, plan = self.problem.dt * self.plan.every / every, dataclasses.replace(self.plan, every=every)
+        return dataclasses.replace(self, problem=self.problem.replace(dt=dt), plan=plan)
 
     def until(self, share: float) -> "Piece":
         """The same with the samples of the first share of its time alone; what is behind them is not simulated."""
         times = np.asarray(self.problem.times, np.float64)
         there = times <= times[0] + share * (times[-1] - times[0])
         weights = jnp.where(there[:, None, None], self.problem.weights, 0)
-        return Piece(self.problem.replace(weights=weights), self.plan, self.columns)
+        return dataclasses.replace(self, problem=self.problem.replace(weights=weights))
+
+    def on(self, problem: Problem) -> "Piece":
+        """The same with another problem; what engines know of a scene is of one model."""
+        engine = self.engine if problem.model is self.problem.model else Engine()
+        return dataclasses.replace(self, problem=problem, engine=engine)
+
+    def residuals(self, z: np.ndarray) -> tuple[Any, Outcome]:
+        """Its residuals at z (P,) of the fit."""
+        return self.engine.residuals(self.at(z), self.problem, self.plan)
+
+    def linearised(self, z: np.ndarray) -> tuple[Any, Any, Outcome]:
+        """Its residuals at z (P,) of the fit, and their Jacobian in its own unknowns."""
+        return self.engine.linearised(self.at(z), self.problem, self.plan)
+
+    def of_many(self, z: np.ndarray, derivatives: bool) -> Any:
+        """Either at points z (S, P)."""
+        make: Any = self.engine.linearised_of_many if derivatives else self.engine.residuals_of_many
+        return make(self.at(z), self.problem, self.plan)
 
     def at(self, z: np.ndarray) -> Any:
         """Its own unknowns, as its model takes them, of one point (P,) or several (S, P)."""
@@ -71,11 +83,34 @@ class Piece:
         return jacobian
 
 
+@dataclasses.dataclass(frozen=True)
+class Near:
+    """Residuals `r` of all takes at `z` (P,), and their `jacobian` there, `made` there or corrected on the way."""
+
+    z: np.ndarray
+    r: Arrays
+    jacobian: Arrays
+    made: bool
+
+    def stepped(self, z: np.ndarray, r: Arrays) -> "Near":
+        """At the next point, where the residuals are r: the nearest Jacobian that tells them, unknowns measured by
+        what they move."""
+        step = z - self.z
+        sizes = sum((each.reshape(len(each), -1) ** 2).sum(axis=1) for each in self.jacobian)
+        share = sizes * step / max(float(step @ (sizes * step)), np.finfo(float).tiny)
+        corrected = []
+        for old, new, columns in zip(self.r, r, self.jacobian, strict=True):
+            off = new - old - np.tensordot(step, columns, 1)
+            corrected.append(columns + np.multiply.outer(share, off))
+        return Near(z, r, corrected, False)
+
+
 class Evaluator:
     """Residuals (T, M, 3) and Jacobians (P, T, M, 3) of each take at z, as float64 NumPy arrays.
 
     Keeps the `best` z by the full loss, the mean square of all residuals, so that an interrupted search still has an
-    answer. `variance`: of the noise, in the residuals' unit squared; by it `priors` are weighed against samples.
+    answer, and `near`, what the last climb knew where it ended. `variance`: of the noise, in the residuals' unit
+    squared; by it `priors` are weighed against samples.
     """
 
     def __init__(
@@ -95,6 +130,15 @@ class Evaluator:
         self.samples = int(sum(np.count_nonzero(np.asarray(each.problem.weights)) for each in pieces))
         self.step_failures = 0
         self.last: tuple[np.ndarray, Linear] | None = None
+        self.near: Near | None = None
+
+    def take(self, engine: str, starts: int) -> str:
+        """Have all pieces simulated by an engine, `starts` together at most; why by that."""
+        engines, reason = chosen(engine, [(each.problem, each.plan) for each in self.pieces], starts)
+        self.pieces = tuple(
+            dataclasses.replace(piece, engine=own) for piece, own in zip(self.pieces, engines, strict=True)
+        )
+        return reason
 
     def with_steps(self, every: int) -> "Evaluator":
         """The same fit with `every` steps a saved frame; the history is shared."""
@@ -118,7 +162,7 @@ class Evaluator:
         """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
         if self.last is not None and np.array_equal(self.last[0], z):
             return self.last[1][0], self.last[1][2]
-        found = [residuals(each.at(z), each.problem, each.plan) for each in self.pieces]
+        found = [each.residuals(z) for each in self.pieces]
         r = [_or_infinite(each, outcome) for each, outcome in found]
         return self._seen(z, r, [outcome for _, outcome in found]), [outcome for _, outcome in found]
 
@@ -126,7 +170,7 @@ class Evaluator:
         """Residuals, Jacobians and side results at z; where they were made last, those."""
         if self.last is not None and np.array_equal(self.last[0], z):
             return self.last[1]
-        found = [linearised(each.at(z), each.problem, each.plan) for each in self.pieces]
+        found = [each.linearised(z) for each in self.pieces]
         outcomes = [outcome for *_, outcome in found]
         r = [_or_infinite(each, outcome) for each, _, outcome in found]
         jacobians = [piece.spread(own, z.size) for piece, (_, own, _) in zip(self.pieces, found, strict=True)]
@@ -134,16 +178,18 @@ class Evaluator:
         return self.last[1]
 
     def together(self, points: Sequence[np.ndarray], derivatives: bool) -> list[Any]:
-        """What `linear`, or without `derivatives` `residual`, says of each point, `LANES` of them at a time."""
+        """What `linear`, or without `derivatives` `residual`, says of each point, as many at a time as engines take."""
+        width = min(piece.engine.width for piece in self.pieces)
         return [
-            told for first in range(0, len(points), LANES) for told in self._lanes(points[first:][:LANES], derivatives)
+            told
+            for first in range(0, len(points), width)
+            for told in self._chunk(points[first:][:width], derivatives, width)
         ]
 
-    def _lanes(self, points: Sequence[np.ndarray], derivatives: bool) -> list[Any]:
-        """Up to `LANES` points side by side, in one program for any number of them."""
-        padded = np.array([*points, *[points[-1]] * (LANES - len(points))])
-        make: Any = linearised_of_many if derivatives else residuals_of_many
-        parts = [jax.tree.map(np.asarray, make(each.at(padded), each.problem, each.plan)) for each in self.pieces]
+    def _chunk(self, points: Sequence[np.ndarray], derivatives: bool, width: int) -> list[Any]:
+        """Up to `width` points side by side, in one program for any number of them."""
+        padded = np.array([*points, *[points[-1]] * (width - len(points))])
+        parts = [jax.tree.map(np.asarray, each.of_many(padded, derivatives)) for each in self.pieces]
         found: list[Any] = []
         for lane, z in enumerate(points):
             mine = [jax.tree.map(lambda leaf, lane=lane: leaf[lane], part) for part in parts]

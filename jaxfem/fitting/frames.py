@@ -8,6 +8,7 @@ import numpy as np
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.rotation import nearest_rotation
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -23,7 +24,7 @@ def rigid_fit(points: Any, targets: Any, weights: Any) -> tuple[Array, Array]:
     p, q = jnp.where(used, points, 0.0), jnp.where(used, targets, 0.0)
     share = weights[:, None] / jnp.sum(weights)
     p_mean, q_mean = jnp.sum(share * p, axis=0), jnp.sum(share * q, axis=0)
-    rotation = nearest_rotation(jnp.einsum("ki,kj->ij", share * (q - q_mean), p - p_mean))
+    rotation = nearest_rotation(contract("ki,kj->ij", share * (q - q_mean), p - p_mean))
     return rotation, q_mean - rotation @ p_mean
 
 

@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.elements.barycentric import foot_weights
 from jaxfem.elements.reshaping import reshaped_elements
 from jaxfem.elements.tetra import Elements, shape_gradients
@@ -15,6 +16,7 @@ from jaxfem.mesh import TetMesh, locate
 from jaxfem.model import Model, State
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rotation import nearest_rotation, quaternion_to_matrix
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -56,11 +58,11 @@ class Markers(Pytree):
         corners = rest[self.cells]
         gradients = _gradients(corners)
         if places is None:
-            turn = nearest_rotation(jnp.einsum("mai,maj->mij", corners, self.gradients))
-            return self.replace(gradients=gradients, offsets=jnp.einsum("mij,mj->mi", turn, self.offsets))
+            turn = nearest_rotation(contract("mai,maj->mij", corners, self.gradients))
+            return self.replace(gradients=gradients, offsets=contract("mij,mj->mi", turn, self.offsets))
         weights = foot_weights(corners, places, jnp.abs(self.weights) > NOTHING)
         outside = jnp.any(self.offsets != 0, axis=1, keepdims=True)
-        offsets = jnp.where(outside, places - jnp.einsum("ma,mai->mi", weights, corners), 0)
+        offsets = jnp.where(outside, places - contract("ma,mai->mi", weights, corners), 0)
         return self.replace(weights=weights, offsets=offsets, gradients=gradients)
 
 
@@ -85,6 +87,14 @@ def attach(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     listed = [*soft, *carried]
     order = tuple(listed.index(name) for name in places)
     return markers.replace(names=tuple(places), riders=_riders(body, carried), order=order)
+
+
+def carried(markers: Markers) -> dict[str, int]:
+    """The numbers of the rigid bodies that markers are on, by the markers' names."""
+    if markers.riders is None:
+        return {}
+    bodies, first = np.asarray(markers.riders.body), len(markers.cells)
+    return {name: int(bodies[at - first]) for name, at in zip(markers.names, markers.order, strict=True) if at >= first}
 
 
 def _owner(name: str, place: Any, model: Model) -> tuple[int | None, Any]:
@@ -162,19 +172,21 @@ def _on_elements(body: TetMesh | Model, places: Mapping[str, Any]) -> Markers:
     )
 
 
+@one_program
 def marker_positions(markers: Markers, positions: Array) -> Array:
     """Where the markers are: nodes' positions (..., n, 3) -> (..., M, 3) [m]; differentiable in both arguments.
 
     x = sum_a w_a x_a + R o, R the nearest rotation of the element's deformation gradient, o the offset at rest.
     """
     corners = positions[..., markers.cells, :]
-    beneath = jnp.einsum("ma,...mai->...mi", markers.weights, corners)
+    beneath = contract("ma,...mai->...mi", markers.weights, corners)
     # differences from one corner, so that rigid motion cancels before it is multiplied
     edges = corners[..., 1:, :] - corners[..., :1, :]
-    deformation = jnp.einsum("...mai,maj->...mij", edges, markers.gradients[:, 1:])
-    return beneath + jnp.einsum("...mij,mj->...mi", nearest_rotation(deformation), markers.offsets)
+    deformation = contract("...mai,maj->...mij", edges, markers.gradients[:, 1:])
+    return beneath + contract("...mij,mj->...mi", nearest_rotation(deformation), markers.offsets)
 
 
+@one_program
 def marker_places(markers: Markers, state: State) -> Array:
     """Where the markers are in a state, or in states with leading axes: (..., M, 3) [m]; differentiable.
 
@@ -185,13 +197,14 @@ def marker_places(markers: Markers, state: State) -> Array:
         assert soft is not None
         return soft
     turns = quaternion_to_matrix(state.rigid.orientations[..., markers.riders.body, :])
-    carried = state.rigid.positions[..., markers.riders.body, :] + jnp.einsum(
+    carried = state.rigid.positions[..., markers.riders.body, :] + contract(
         "...mij,mj->...mi", turns, markers.riders.local
     )
     every = carried if soft is None else jnp.concatenate([soft, carried], axis=-2)
     return every[..., np.array(markers.order), :]
 
 
+@one_program
 def marker_frames(markers: Markers, state: State) -> Array:
     """How small shifts of the markers' places at rest move them: (..., M, 3, 3); differentiable.
 
@@ -201,7 +214,7 @@ def marker_frames(markers: Markers, state: State) -> Array:
     if markers.cells.shape[0]:
         corners = state.positions[..., markers.cells, :]
         edges = corners[..., 1:, :] - corners[..., :1, :]
-        soft = jnp.einsum("...mai,maj->...mij", edges, markers.gradients[:, 1:])
+        soft = contract("...mai,maj->...mij", edges, markers.gradients[:, 1:])
         outside = jnp.any(markers.offsets != 0, axis=1)[:, None, None]
         soft = jnp.where(outside, nearest_rotation(soft), soft)
     if markers.riders is None or state.rigid is None:
@@ -220,12 +233,12 @@ def moved_places(markers: Markers, shifts: Array) -> Markers:
     listed, soft = shifts[order], markers.cells.shape[0]
     outside = jnp.any(markers.offsets != 0, axis=1, keepdims=True)
     own = listed[:soft]
-    weights = markers.weights + jnp.where(outside, 0.0, jnp.einsum("mai,mi->ma", markers.gradients, own))
+    weights = markers.weights + jnp.where(outside, 0.0, contract("mai,mi->ma", markers.gradients, own))
     moved = markers.replace(weights=weights, offsets=markers.offsets + jnp.where(outside, own, 0.0))
     if markers.riders is None:
         return moved
     turns = quaternion_to_matrix(markers.riders.start)
-    local = markers.riders.local + jnp.einsum("mji,mj->mi", turns, listed[soft:])
+    local = markers.riders.local + contract("mji,mj->mi", turns, listed[soft:])
     return moved.replace(riders=markers.riders.replace(local=local))
 
 

@@ -60,7 +60,7 @@ def measurement(
             + (f'frame = "{frame}" needs places; use "none"' if frame != "none" else "give its camera = (3, 4) matrix")
             + ", which takes places in the body's frame to pixels"
         )
-    first, earliest, latest = release_index(recording, release)
+    first, earliest, latest = release_index(_until(recording, end), release)
     last = _end(recording, end, first)
     if last - first < 2:
         raise FitError(
@@ -126,6 +126,14 @@ def release_index(recording: Recording, release: Any) -> tuple[int, int, int]:
         )
     row = int(np.searchsorted(recording.times, release - slack))
     return row, row, row
+
+
+def _until(recording: Recording, end: Any) -> Recording:
+    """The rows up to a time `end`: what is behind it says nothing of the release."""
+    if end is None or isinstance(end, str):
+        return recording
+    rows = max(2, int(np.searchsorted(recording.times, end + SLACK * recording.spacing, side="right")))
+    return dataclasses.replace(recording, times=recording.times[:rows], positions=recording.positions[:rows])
 
 
 def _end(recording: Recording, end: Any, first: int) -> int:

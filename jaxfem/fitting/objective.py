@@ -1,6 +1,7 @@
 """Measured less simulated markers, and its derivatives: compiled once, evaluated many times."""
 
 import dataclasses
+from collections.abc import Callable
 from functools import partial
 from typing import Any
 
@@ -8,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.fitting.frames import rigid_fit
 from jaxfem.fitting.markers import Markers, marker_frames, marker_places
 from jaxfem.fitting.measurement import Measurement
@@ -18,6 +20,7 @@ from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import Pytree
 from jaxfem.stepping.frames import watched
+from jaxfem.tensors import contract, matmul
 
 Array = jax.Array
 
@@ -91,27 +94,31 @@ def make_problem(
 def residuals(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     """Weighted residuals (T, M, 3), simulated less measured, zero where a sample is missing, at z (P,)."""
     frames, status = _frames_at(z, problem, plan)
-    return _difference(z, frames, status, problem, plan)
+    return difference(z, frames, status, problem, plan)
 
 
 def compared(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     """Weighted residuals of a simulation with these params from this state."""
     frames, status = _simulated_frames(params, state, problem, plan)
-    return _difference(jnp.zeros(0, problem.dt.dtype), frames, status, problem, plan)
+    return difference(jnp.zeros(0, problem.dt.dtype), frames, status, problem, plan)
 
 
 def _values(z: Array, plan: Plan) -> dict[str, Array]:
     return {each.name: each.transform.value(z[i]) for i, each in enumerate(plan.constants)}
 
 
+def scene_at(z: Array, problem: Problem, plan: Plan) -> tuple[Params, State]:
+    """Params and start with the values of z."""
+    values = {name: value for name, value in _values(z, plan).items() if name != DELAY.name}
+    return with_all(problem.params, problem.state, values, plan.constants)
+
+
 def _frames_at(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array]:
     """What is kept of the simulation's frames with the values of z, and the largest status of its steps."""
-    values = {name: value for name, value in _values(z, plan).items() if name != DELAY.name}
-    params, state = with_all(problem.params, problem.state, values, plan.constants)
-    return _simulated_frames(params, state, problem, plan)
+    return _simulated_frames(*scene_at(z, problem, plan), problem, plan)
 
 
-def _difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
+def difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Plan) -> tuple[Array, Outcome]:
     """Residuals of what was kept of the frames, the simulation released by the delay [s] in z behind its row, markers
     off their places by its shifts."""
     values = _values(z, plan)
@@ -122,8 +129,8 @@ def _difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Pl
     if plan.frame == "all":
         seen = problem.weights[..., 0].reshape(-1)
         rotation, translation = rigid_fit(measured.reshape(-1, 3), simulated.reshape(-1, 3), seen**2)
-        measured = measured @ rotation.T + translation
-        origin = origin @ rotation.T + translation
+        measured = matmul(measured, rotation.T) + translation
+        origin = matmul(origin, rotation.T) + translation
     difference = simulated - measured
     if plan.compare == "displacement":
         difference = difference - (frames[0] - origin)
@@ -143,7 +150,7 @@ def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Ou
 
     def whole(u: Array) -> tuple[Array, tuple[Outcome, Array]]:
         frames, status = _frames_at(u, problem, plan)
-        r, outcome = _difference(u, frames, status, problem, plan)
+        r, outcome = difference(u, frames, status, problem, plan)
         return r, (outcome, frames)
 
     def tangent(direction: Array) -> tuple[Array, Array, tuple[Outcome, Array]]:
@@ -159,7 +166,7 @@ def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Ou
         return r, columns, outcome
 
     def shifted(direction: Array) -> Array:
-        compare = lambda u: _difference(u, frames, outcome.status, problem, plan)[0]  # noqa: E731
+        compare = lambda u: difference(u, frames, outcome.status, problem, plan)[0]  # noqa: E731
         pushed: Array = jax.jvp(compare, (z,), (direction,))[1]
         return pushed
 
@@ -196,6 +203,7 @@ def linearised_of_many(z: Array, problem: Problem, plan: Plan) -> tuple[Array, A
     return found
 
 
+@one_program
 def interpolated(frames: Array, places: Array) -> Array:
     """Frames (n, ...) at fractional numbers `places` (T,), by Catmull-Rom cubics: exact at whole numbers, smooth
     between.
@@ -216,13 +224,12 @@ def _with_shifts(kept: Array, values: dict[str, Array], problem: Problem, plan: 
     if kept.shape[-1] > 3:
         turns = kept[..., 3:].reshape(*kept.shape[:-1], 3, 3)
         shifts = shift_array(values, plan.constants, kept.shape[-2], kept.dtype)
-        frames = frames + jnp.einsum("nmij,mj->nmi", turns, shifts)
+        frames = frames + contract("nmij,mj->nmi", turns, shifts)
     return frames if problem.camera is None else pixels(problem.camera, frames)
 
 
-def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Array]:
-    """Where the markers are in each frame (n, M, 3) up to the last that has a sample: nothing else of the states is
-    kept, but (n, M, 12) where markers may be shifted, how that moves them."""
+def keeping(problem: Problem, plan: Plan) -> Callable[[State], Array]:
+    """What is kept of a state: where its markers are, and how shifts move them where those may be."""
     shifted = any(shift_of(each) is not None for each in plan.constants)
 
     def keep(reached: State) -> Array:
@@ -232,12 +239,19 @@ def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan
         turns = marker_frames(problem.markers, reached)
         return jnp.concatenate([places, turns.reshape(*places.shape[:-1], 9)], axis=-1)
 
+    return keep
+
+
+def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan) -> tuple[Array, Array]:
+    """Where the markers are in each frame (n, M, 3) up to the last that has a sample: nothing else of the states is
+    kept, but (n, M, 12) where markers may be shifted, how that moves them."""
+    keep = keeping(problem, plan)
     places, status = watched(
         problem.model,
         params,
         state,
         problem.dt,
-        _frames_needed(problem, plan),
+        frames_needed(problem, plan),
         plan.every,
         most=plan.frames,
         keep=keep,
@@ -245,7 +259,7 @@ def _simulated_frames(params: Params, state: State, problem: Problem, plan: Plan
     return jnp.concatenate([keep(state)[None], places]), status
 
 
-def _frames_needed(problem: Problem, plan: Plan) -> Array:
+def frames_needed(problem: Problem, plan: Plan) -> Array:
     """Frames up to the last sample, with as many behind it as there are behind the recording's last."""
     seen = jnp.any(problem.weights > 0, axis=(1, 2))
     left_out = problem.times[-1] - jnp.max(jnp.where(seen, problem.times, 0.0))
@@ -254,5 +268,5 @@ def _frames_needed(problem: Problem, plan: Plan) -> Array:
 
 def pixels(camera: Array, places: Array) -> Array:
     """Where a camera (3, 4) sees places (..., 3) [m]: (u, v, 0) [px] (Hartley & Zisserman 2004, chapter 6)."""
-    seen = places @ camera[:, :3].T + camera[:, 3]
+    seen = matmul(places, camera[:, :3].T) + camera[:, 3]
     return jnp.concatenate([seen[..., :2] / seen[..., 2:], jnp.zeros_like(seen[..., :1])], axis=-1)

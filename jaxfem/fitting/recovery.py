@@ -1,5 +1,6 @@
 """fit and fit_takes: material values of bodies from recordings of their motion, with error bars."""
 
+import dataclasses
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from jaxfem.declared.errors import checked_choice
 from jaxfem.fitting.before import outside, refuse, start_faults
+from jaxfem.fitting.engines import AUTO
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
 from jaxfem.fitting.limits import with_limits
@@ -80,6 +82,7 @@ def fit_takes(
     windows: int = 1,
     max_memory: float | None = None,
     places: float | None = None,
+    engine: str = AUTO,
 ) -> FitResult:
     """Recover values that several recordings share, and those that each has for itself.
 
@@ -96,7 +99,8 @@ def fit_takes(
     `FitResult.ends` says where each led. `windows`: each take is fitted from its beginning on in windows that grow, so
     many in all: for long recordings of what touches. `max_memory` [GB]: of one simulation with derivatives.
     `places` [m]: to which the markers' places on the body are known; their shifts, marker.NAME.x and so on, are then
-    found with the rest, with that as their prior.
+    found with the rest, with that as their prior. `engine`: how simulations are made, "auto" or one of
+    `fitting.engines.ENGINES`; `FitResult.engine` and `.reason` say which it was, and why.
     `progress(stage, iteration, loss, values)` is called after each simulation. Ctrl-C returns the best so far.
 
     Residuals are smoothed over time, less and less, and minimised by Levenberg-Marquardt steps (Levenberg 1944,
@@ -115,6 +119,7 @@ def fit_takes(
         Strategy(settings, windows, multi_start, seed), [len(each.measured.times) for each in made]
     )
     limit_memory(evaluator, max_memory)
+    reason = evaluator.take(engine, multi_start)
     late = _late(parameters)
     held = [prepared(take, checks, late) for take in takes if take.name in out]
     usual = usual_scales(made)
@@ -129,6 +134,7 @@ def fit_takes(
     told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
     repairs = [text for each in (*made, *held) for text in each.notes] + outside(made[0].params, shared.unknowns)
     found = result_of(evaluator, made, shared, best, noise, told, status, faults, repairs, ends)
+    found = dataclasses.replace(found, engine=evaluator.pieces[0].engine.name, reason=reason)
     return found if status == "interrupted" else with_limits(found)
 
 

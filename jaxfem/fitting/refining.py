@@ -70,7 +70,7 @@ def _on(piece: Piece, take: Take) -> Piece:
     known |= group_constants(take.groups or {}, take.model)
     constants = tuple(known[each.name] if isinstance(each, Placed) else each for each in piece.plan.constants)
     problem = piece.problem.replace(model=take.model, params=params, state=state, markers=markers)
-    return Piece(problem, dataclasses.replace(piece.plan, constants=constants), piece.columns)
+    return dataclasses.replace(piece.on(problem), plan=dataclasses.replace(piece.plan, constants=constants))
 
 
 def _known_on(evaluator: Evaluator, pieces: Sequence[Piece], takes: Sequence[Take]) -> Priors | None:

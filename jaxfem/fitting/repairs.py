@@ -102,18 +102,18 @@ def _exchanged(positions: np.ndarray, recording: Recording) -> Iterator[str]:
     count = positions.shape[1]
     for a in range(count):
         for b in range(a + 1, count):
-            pair = positions[:, [a, b]]
+            rows = np.flatnonzero(np.isfinite(positions[:, [a, b]]).all(axis=(1, 2)))
+            pair = positions[rows][:, [a, b]]  # lost ones may come back exchanged
             straight = np.linalg.norm(pair[1:] - pair[:-1], axis=-1).max(axis=1)
             crossed = np.linalg.norm(pair[1:] - pair[:-1, ::-1], axis=-1).max(axis=1)
-            known = np.isfinite(straight)
-            if not known.any():
+            if not straight.size:
                 continue
-            usual = np.median(straight[known])
-            flips = np.flatnonzero(known & (straight > 5 * crossed) & (straight > 5 * usual))
+            usual = np.median(straight)
+            flips = rows[1:][(straight > 5 * crossed) & (straight > 5 * usual)]
             if not 1 <= len(flips) <= 6:
                 continue
-            turned = np.cumsum(np.isin(np.arange(len(pair)), flips + 1)) % 2 == 1
-            positions[turned, a], positions[turned, b] = pair[turned, 1], pair[turned, 0]
+            turned = np.cumsum(np.isin(np.arange(len(positions)), flips)) % 2 == 1
+            positions[turned, a], positions[turned, b] = positions[turned, b], positions[turned, a]
             names = f"{recording.names[a]} and {recording.names[b]}"
             yield f"{names}: {_rows(turned, recording)}: their names were exchanged, and are put right"
 

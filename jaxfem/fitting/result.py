@@ -140,8 +140,9 @@ class FitResult:
     `sigmas`: standard deviation of each group's noise [m]; `history`: every evaluation; `iterations`: those with
     derivatives; `status`: "converged", "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make
     values wrong; `repairs`: what was left out, repaired or noticed in the recordings; `refinements`: see
-    `refine`; `ends`: where each start led, lowest loss first, if some were drawn; `posterior`: see `sample`. `times`,
-    `release`, `residuals` and so on are those of the first take (see `TakeFit`).
+    `refine`; `ends`: where each start led, lowest loss first, if some were drawn; `posterior`: see `sample`;
+    simulations were made by `engine`, for that `reason`. `times`, `release`, `residuals` and so on are those of the
+    first take (see `TakeFit`).
     """
 
     constants: tuple[Constant, ...]
@@ -164,6 +165,8 @@ class FitResult:
     refinements: tuple[Refinement, ...] = ()
     ends: tuple[End, ...] = ()
     posterior: Posterior | None = None
+    engine: str = ""
+    reason: str = ""
     solution: Any = dataclasses.field(default=None, repr=False)
 
     @property
@@ -227,6 +230,7 @@ class FitResult:
         for take in self.takes:
             lines += [f"  {take.line()}", *(f"    {each.line()}" for each in take.beside)]
         lines.append(f"  {self.status}, {len(self.history)} simulations, {self.iterations} of them with derivatives")
+        lines += [f'  simulated by engine "{self.engine}" ({self.reason})'] if self.engine else []
         if self.weakest:
             lines.append(f"  {self.weakest}")
         lines += [f"  {in_words(self.ends)}"] if self.ends else []

@@ -55,7 +55,7 @@ def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.n
         begun.append(z)
         evaluator.stage = "descent"
         z = _descend(evaluator, z, short, search)
-        z, loss = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3)
+        z, loss = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3, sure=False)
         ends.append((loss, tuple(z)))
     evaluator.stage = "polish"
     best, lowest = np.array(picked[0][1]), np.inf
@@ -155,7 +155,7 @@ def _swing(positions: np.ndarray, seen: np.ndarray) -> float:
 def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Weighting) -> np.ndarray:
     """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
     chosen = np.arange(z.size) == evaluator.unknowns.scanned
-    return levenberg_marquardt(evaluator, z, 4, smooth, chosen=chosen, tol=1e-2)[0] if chosen.any() else z
+    return levenberg_marquardt(evaluator, z, 4, smooth, chosen=chosen, tol=1e-2, sure=False)[0] if chosen.any() else z
 
 
 def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Weighting, search: Search) -> np.ndarray:

@@ -10,6 +10,8 @@ from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 LATE = 3.0  # times the fall within a row; a release that lies a row before is half of it
 ALIKE = 0.2  # of a leap: how much markers may differ in it
 BACK = 0.05  # of the motion: as near as this is back where it began
+AROUND = 2.7  # times the two rows before and behind: of a swing, however sampled, twice at most
+LEAP = 0.1  # of the motion: a smaller one is none
 SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
 
 
@@ -56,6 +58,30 @@ def camera_faults(recording: Recording, held: bool) -> list[str]:
         f"the camera: all markers leap by {1e3 * size[at]:.3g} mm, the same way, at {recording.times[at + 1]:g} s, as "
         "a body that is held cannot: the camera or the frame of the recording changed there. End the recording "
         "before it (end = TIME), begin after it, or record again"
+    ]
+
+
+def leap_faults(measured: Measurement) -> list[str]:
+    """A body that is held leaps, in the middle of its motion, to where it cannot be a row later."""
+    places, seen = measured.positions, measured.seen
+    steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
+    known = seen[1:] & seen[:-1] & (np.diff(measured.times) < 1.5 * measured.spacing)[:, None]
+    size = np.where(known, steps, 0.0).max(axis=1, initial=0.0)
+    if len(size) < 8:
+        return []
+    noise = np.sqrt(6) * max(_noise(places[:, m], seen[:, m]) for m in range(places.shape[1]))
+    padded = np.pad(size, 2, mode="edge")
+    around = np.max([padded[k : k + len(size)] for k in (0, 1, 3, 4)], axis=0)
+    far = np.linalg.norm(np.ptp(np.where(seen[..., None], places, measured.origin), axis=0), axis=-1).max()
+    rows = np.flatnonzero((size > AROUND * around) & (size > 4 * noise) & (size > LEAP * far))
+    rows = rows[(rows >= 3) & (rows < len(size) - 3)]  # the first ones are the release
+    if not rows.size:
+        return []
+    when = measured.begins[0] + measured.times[rows[0] + 1]
+    return [
+        f"the motion: markers leap by {1e3 * size[rows[0]]:.3g} mm within a row at {when:.4g} s, far more "
+        "than in the rows around: two recordings are put together there, or rows are left out. End before it "
+        "(end = TIME), or make two of it"
     ]
 
 

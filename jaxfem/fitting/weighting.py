@@ -12,6 +12,7 @@ import numpy as np
 
 from jaxfem.fitting.correlation import Channels, levelled
 from jaxfem.pytrees import Pytree
+from jaxfem.tensors import contract
 
 Arrays = Sequence[np.ndarray]
 
@@ -45,7 +46,7 @@ class SquareOf(Pytree):
         for each in self.blocks:
             still = each["still"]
             taken = weighed[each["rows"].astype(int)][:, each["marks"].astype(int), : still.shape[-1]]
-            total = total + jnp.sum((jnp.einsum("nk,kma->nma", each["matrix"], taken) + still) ** 2)
+            total = total + jnp.sum((contract("nk,kma->nma", each["matrix"], taken) + still) ** 2)
         return total
 
 

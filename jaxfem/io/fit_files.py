@@ -4,6 +4,7 @@ import dataclasses
 from pathlib import Path
 from typing import Any
 
+from jaxfem.fitting.engines import AUTO, ENGINES
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.fields import KINDS
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
@@ -16,7 +17,7 @@ from jaxfem.io.scene_files import SceneFile, load_scene
 from jaxfem.io.toml_tables import SceneFileError, Table, is_number, read_toml, suggestion
 
 TOP_KEYS = ("scene", "recording", "take", "markers", "clamp", "beside", "fit", "output")
-SEARCH_KEYS = ("multi_start", "seed", "windows", "max_memory", "places")
+SEARCH_KEYS = ("multi_start", "seed", "windows", "max_memory", "places", "engine")
 PLAIN_KEYS = ("parameters", "frame", "compare", "release", "end", "substeps", "sigma", "checks", "own", *SEARCH_KEYS)
 TABLES = ("noise", "priors", "bounds", "starts", "field")
 FIT_KEYS = (*PLAIN_KEYS, *TABLES)
@@ -68,7 +69,7 @@ def load_fit(path: Any) -> FitFile:
     NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [clamp] NAME = [x, y, z] of markers
     that tell the frame alone; [[beside]] kind, values, sigma and more, of what else was measured; [fit] parameters,
     frame, compare, release, end, substeps, sigma, checks, own, multi_start, seed, windows, max_memory, places,
-    [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation } or { median, factor },
+    engine, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation } or { median, factor },
     [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
     [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
     release, end, and its own [[take.beside]]; [output] folder.
@@ -157,6 +158,7 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
         "windows": table.integer("windows", 1),
         "max_memory": table.number("max_memory", None, unit="GB", positive=True),
         "places": table.number("places", None, unit="m", positive=True),
+        "engine": table.choice("engine", (AUTO, *ENGINES), AUTO),
     }
     bounds = table.table("bounds", parameters, "[fit.bounds]")
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}

@@ -51,6 +51,7 @@ FIELDS: dict[str, Any] = {
     "takes": {"type": "array", "minItems": 1, "items": {"type": "object", "required": list(TAKE), "properties": TAKE}},
     "simulations": {"type": "integer"},
     "iterations": {"type": "integer"},
+    "engine": {"type": "string"},
     "discretisation": {"type": "array", "items": {"type": "object", "required": ["what", "by", "shift", "estimate"]}},
     "starts_followed": {
         "type": "array",
@@ -107,6 +108,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "simulations": len(result.history),
         "iterations": result.iterations,
         "status": result.status,
+        "engine": result.engine,
         "discretisation": [_refinement(each) for each in result.refinements],
         "starts_followed": [_end(each) for each in result.ends],
         "posterior": None if result.posterior is None else _posterior(result.posterior),

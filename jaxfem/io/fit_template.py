@@ -25,6 +25,7 @@ FIT: dict[str, Line] = {
     "windows": ("4", "long recordings with contacts are fitted in so many, from the beginning on"),
     "max_memory": ("1.0", "GB, of one simulation with its derivatives"),
     "places": ("1e-3", "m, to which the markers' places are known: found with the rest"),
+    "engine": ('"auto"', 'how simulations are made: "lanes" together on CPUs, or "vmap"'),
 }
 NOISE: dict[str, Line] = {
     "correlation": ('"effective"', 'noise may remember; or "ar", "white"'),

@@ -12,7 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.rotation import polar_components
-from jaxfem.tensors import Matrix3, array_of, matrix_of, product, symmetric_eigenpairs, transposed
+from jaxfem.tensors import Matrix3, array_of, contract, matrix_of, product, symmetric_eigenpairs, transposed
 
 Array = jax.Array
 Energy = Callable[[Array], Array]
@@ -47,7 +47,7 @@ def definite_part(tangent: Array, gradient: Array) -> Array:
     values, rows = symmetric_eigenpairs(axial)
     worst = jnp.min(values, axis=0)
     # What is taken away, so that digits of what stays are not lost.
-    excess = jnp.einsum("kid,kd,kjd->ijd", rows, jnp.minimum(values, 0), rows)
+    excess = contract("kid,kd,kjd->ijd", rows, jnp.minimum(values, 0), rows)
     taken = jnp.zeros_like(entries)
     for i in range(3):
         for k in range(3):
@@ -65,7 +65,7 @@ def definite_part(tangent: Array, gradient: Array) -> Array:
 
 def _product(a: Array, b: Array) -> Array:
     """Products of matrices (9, 9, D)."""
-    return jnp.einsum("abd,bcd->acd", a, b)
+    return contract("abd,bcd->acd", a, b)
 
 
 def _axes(gradient: Array) -> tuple[Array, Array]:

@@ -17,7 +17,6 @@ from jaxfem.elements.tetra import Elements, deformation_gradient, rotation_of
 from jaxfem.methods.base import Facts, Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.methods.node_blocks import (
-    EXACT,
     NodeCondition,
     NodePairs,
     NodeSystem,
@@ -30,7 +29,7 @@ from jaxfem.model import Model, Params, State, StepInfo, element_constants, elem
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.soft import external_force, prescribed_velocity
-from jaxfem.tensors import array_of
+from jaxfem.tensors import EXACT, array_of
 
 Array = jax.Array
 

@@ -36,6 +36,7 @@ from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.status import SolveInfo, Status, caused
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.soft import external_force, prescribed_velocity
+from jaxfem.tensors import inner
 
 Array = jax.Array
 INTEGRATIONS = ("implicit", "explicit")
@@ -208,5 +209,5 @@ def highest_square(model: Model, params: Params, calibration: str) -> Array:
     start = free * jax.random.normal(jax.random.key(0), model.rest.shape, model.rest.dtype)
     vector = jax.lax.fori_loop(0, POWERS, trip, start)
     moved = -spring_force(model, held, vector)
-    square: Array = jnp.vdot(vector, moved) / jnp.sum(mass * vector**2)
+    square: Array = inner(vector, moved) / jnp.sum(mass * vector**2)
     return square

@@ -19,9 +19,9 @@ from jaxfem.pytrees import Pytree, on_device
 from jaxfem.solvers.implicit import or_nan, unless_zero
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
+from jaxfem.tensors import EXACT
 
 Array = jax.Array
-EXACT = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer digits
 
 
 class NodePairs(Pytree):

@@ -17,7 +17,7 @@ from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import Units, ranged, within
 from jaxfem.rigid.turning import mean_spin
 from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_multiply, quaternion_to_matrix
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inverse_blocks
 
 Array = jax.Array
 
@@ -68,7 +68,7 @@ class RigidState(Pytree):
 def world_inertia(bodies: RigidSet, mass: Array, orientations: Array) -> Array:
     """Inertia R I R' in the world frame, (b, 3, 3) [kg m^2]."""
     turn = quaternion_to_matrix(orientations)
-    return mass[:, None, None] * jnp.einsum("bij,bjk,blk->bil", turn, bodies.inertia_per_mass, turn)
+    return mass[:, None, None] * contract("bij,bjk,blk->bil", turn, bodies.inertia_per_mass, turn)
 
 
 def turned(orientations: Array, rotation: Array) -> Array:
@@ -92,7 +92,7 @@ def free_spin(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
 def angular_momentum(bodies: RigidSet, mass: Array, state: RigidState) -> Array:
     """Spin I w of each body, (b, 3) [kg m^2/s]."""
     inertia = world_inertia(bodies, mass, state.orientations)
-    return jnp.einsum("bij,bj->bi", inertia, state.angular_velocities)
+    return contract("bij,bj->bi", inertia, state.angular_velocities)
 
 
 def advanced(
@@ -112,7 +112,7 @@ def advanced(
     """
     spin = free_spin(bodies, state, dt) if spin is None else spin
     middle = world_inertia(bodies, mass, midway(bodies, state, dt))
-    change = jnp.einsum("bij,bj->bi", middle, angular - spin)
+    change = contract("bij,bj->bi", middle, angular - spin)
     momentum = angular_momentum(bodies, mass, state) + change
     along, turning = linear, angular
     if passed is not None:
@@ -120,7 +120,7 @@ def advanced(
         along = along + share * (state.velocities - along)
         turning = turning + share * (state.angular_velocities - turning)
     orientations = turned(state.orientations, dt * turning)
-    after = jnp.einsum("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
+    after = contract("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
     return RigidState(
         positions=state.positions + dt * along,
         orientations=orientations,

@@ -11,7 +11,7 @@ import jax.numpy as jnp
 
 from jaxfem.elements.barycentric import barycentric
 from jaxfem.pytrees import Pytree, static
-from jaxfem.tensors import skew
+from jaxfem.tensors import contract, skew
 
 Array = jax.Array
 
@@ -88,14 +88,14 @@ class RigidPoint(Pytree):
 
     def arm(self, at: Configuration) -> Array:
         """From the centre of mass to the point, in the world frame (m, 3)."""
-        return jnp.einsum("mij,mj->mi", at.rotations[self.body], self.local)
+        return contract("mij,mj->mi", at.rotations[self.body], self.local)
 
     def drift(self, change: Reshaping) -> None:
         """They stay."""
 
     def carried(self, by: Array, change: Reshaping) -> "RigidPoint":
         """Other points of the same bodies."""
-        return self.replace(local=self.local + jnp.einsum("mji,mj->mi", change.turns[self.body], by))
+        return self.replace(local=self.local + contract("mji,mj->mi", change.turns[self.body], by))
 
 
 class SoftPoint(Pytree):
@@ -109,16 +109,16 @@ class SoftPoint(Pytree):
         """The same mean of positions and of velocities."""
         m, k = self.nodes.shape
         spread = self.weights[:, None, :, None] * jnp.eye(3, dtype=self.weights.dtype)[:, None, :]
-        position = jnp.einsum("mk,mki->mi", self.weights, at.nodes[self.nodes])
+        position = contract("mk,mki->mi", self.weights, at.nodes[self.nodes])
         return Placed(position, self.nodes, spread.reshape(m, 3, 3 * k))
 
     def drift(self, change: Reshaping) -> Array:
         """They ride with their nodes."""
-        return jnp.einsum("mk,mki->mi", self.weights, (change.after - change.before)[self.nodes])
+        return contract("mk,mki->mi", self.weights, (change.after - change.before)[self.nodes])
 
     def carried(self, by: Array, change: Reshaping) -> "SoftPoint":
         """Points of the same elements, k = 4; their weights in the new shape."""
-        places = jnp.einsum("mk,mki->mi", self.weights, change.before[self.nodes]) + by
+        places = contract("mk,mki->mi", self.weights, change.before[self.nodes]) + by
         return self.replace(weights=barycentric(change.after[self.nodes], places))
 
 
@@ -158,7 +158,7 @@ class RigidFrame(Pytree):
 
     def axes(self, at: Configuration) -> Array:
         """Axes in the world, in columns (m, 3, 3)."""
-        return jnp.einsum("mij,mjk->mik", at.rotations[self.body], self.local)
+        return contract("mij,mjk->mik", at.rotations[self.body], self.local)
 
     def spin(self, at: Configuration) -> tuple[Array, Array]:
         """Angular velocity as jacobian (m, 3, 3) on triples (m, 1)."""

@@ -12,6 +12,7 @@ import jax.numpy as jnp
 
 from jaxfem.rows.attachments import Configuration, SoftPoint
 from jaxfem.rows.contact import SAID_AGAIN, Pairs, SurfaceContacts
+from jaxfem.tensors import contract
 
 LEVEL = 1e-5
 """Of an edge's length: depth below what its ends say from which on a point between them has a row."""
@@ -36,7 +37,7 @@ class BetweenNodes(SurfaceContacts):
         pairs = super().pairs(at)
         fixed, still = jax.lax.stop_gradient((self, at))
         ends = [self._end(fixed, still, k) for k in range(2)]
-        spanned = jnp.einsum("mk,mk->m", fixed.points.weights, jnp.stack(ends, 1))
+        spanned = contract("mk,mk->m", fixed.points.weights, jnp.stack(ends, 1))
         length = jnp.linalg.norm(jnp.diff(still.nodes[fixed.points.nodes], axis=1)[:, 0], axis=-1)
         own = jax.lax.stop_gradient(pairs.gap) < spanned - LEVEL * length
         return pairs.replace(gap=jnp.where(own, pairs.gap, FAR * length))

@@ -15,6 +15,7 @@ import numpy as np
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, difference, moving_with_body
 from jaxfem.rows.contact import LEANING, Candidates, Pairs
+from jaxfem.tensors import contract, matmul
 
 Array = jax.Array
 
@@ -53,8 +54,8 @@ class BoxEdges(Candidates):
     def pairs(self, at: Configuration) -> Pairs:
         """The closest pairs of edges; both sides push at the middle of the gap."""
         turn_a, turn_b = at.rotations[self.a], at.rotations[self.b]
-        centre_a = at.centers[self.a] + jnp.einsum("mij,mj->mi", turn_a, self.origin_a)
-        centre_b = at.centers[self.b] + jnp.einsum("mij,mj->mi", turn_b, self.origin_b)
+        centre_a = at.centers[self.a] + contract("mij,mj->mi", turn_a, self.origin_a)
+        centre_b = at.centers[self.b] + contract("mij,mj->mi", turn_b, self.origin_b)
         above = jnp.where(self.a > self.b, 1.0, -1.0).astype(centre_a.dtype)
         found = jax.vmap(_closest)(centre_a, centre_b, turn_a, turn_b, self.half_a, self.half_b, above)
         gap, normal, middle = (leaf.reshape(-1, *leaf.shape[2:]) for leaf in found)
@@ -78,7 +79,7 @@ def _closest(
     faces = jax.lax.stop_gradient(_face_separation(way, turn_a, turn_b, half_a, half_b))
     lean = jnp.where(faces < -BURIED * size, LEAN * size * above, 0) * jnp.asarray(LEANING, way.dtype)
     parted = jax.lax.stop_gradient(_face_separation(way + lean, turn_a, turn_b, half_a, half_b))
-    valid = valid & (gap + normal @ lean >= parted - TOLERANCE * size)
+    valid = valid & (gap + matmul(normal, lean) >= parted - TOLERANCE * size)
     # In the order of the edges, so that a pair keeps its place from step to step.
     chosen = jnp.sort(jax.lax.top_k(jnp.where(valid, -gap, -jnp.inf), MOST)[1])
     gap, normal, middle, _ = _perpendiculars(
@@ -93,7 +94,7 @@ def _perpendiculars(
     """Gap, normal, middle of the gap, and whether it is one, for edges i of a and j of b."""
     axes, signs = jnp.asarray(AXES), jnp.asarray(SIGNS, half_a.dtype)
     along_a, along_b = turn_a.T[axes[i]], turn_b.T[axes[j]]
-    arm_a, arm_b = (signs[i] * half_a) @ turn_a.T, (signs[j] * half_b) @ turn_b.T
+    arm_a, arm_b = matmul(signs[i] * half_a, turn_a.T), matmul(signs[j] * half_b, turn_b.T)
     across = jnp.cross(along_a, along_b)
     square = jnp.sum(across**2, -1)
     crossing = square > 1e-6
@@ -122,9 +123,9 @@ def _face_separation(way: Array, turn_a: Array, turn_b: Array, half_a: Array, ha
     """The largest separation of the boxes along a normal of one's faces; negative where all overlap."""
     normals = jnp.concatenate([turn_a.T, turn_b.T])
     reach = _reach(normals, turn_a, half_a) + _reach(normals, turn_b, half_b)
-    return jnp.max(jnp.abs(normals @ way) - reach)
+    return jnp.max(jnp.abs(matmul(normals, way)) - reach)
 
 
 def _reach(directions: Array, turn: Array, half: Array) -> Array:
     """How far a box reaches from its centre along each direction (m, 3)."""
-    return jnp.abs(directions @ turn) @ half
+    return matmul(jnp.abs(matmul(directions, turn)), half)

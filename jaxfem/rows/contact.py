@@ -21,6 +21,7 @@ from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
 from jaxfem.rows.triangles import gap_from, nearest_triangle
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -33,7 +34,6 @@ BURIED, OVERLAP = 0.1, 0.2
 do corners where a point a little further inside of their own body is inside the other, by that share of the way."""
 LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
 """Of the margin: how far bodies in one place are taken for apart, and in which direction, to tell where they part."""
-
 ASIDE, EDGE = 0.01, 0.9
 """Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
 the two normals below which there is an edge in between."""
@@ -199,9 +199,9 @@ class ShapeContacts(Candidates):
         if self.body is None:
             return measure(self.shape, places)
         turn = at.rotations[self.body]
-        local = jnp.einsum("mji,mj->mi", turn, places - at.centers[self.body])
+        local = contract("mji,mj->mi", turn, places - at.centers[self.body])
         gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
-        return gap, jnp.einsum("mij,mj->mi", turn, normal)
+        return gap, contract("mij,mj->mi", turn, normal)
 
 
 class SurfaceContacts(Candidates):
@@ -230,18 +230,18 @@ class SurfaceContacts(Candidates):
 
 
 def contact_rows(
-    candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, free: Array
+    candidates: Any, at: Configuration, values: ContactValues, dt: Array, before: Array, unhindered: Array
 ) -> tuple[PointRows, PointRows | None, Gaps]:
     """Normal rows (m, 1), tangential rows (m, 2), None where nothing is rough, and gaps.
 
-    `before` (n, 3): velocities at the start of the step; `free`: those that it would end with without any row.
+    `before`, `unhindered` (n, 3): velocities at the start of the step, and those that it would end with without rows.
     """
     pairs = candidates.pairs(at)
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
-    normal = jnp.einsum("mi,mik->mk", pairs.normal, jacobian)[:, None]
+    normal = contract("mi,mik->mk", pairs.normal, jacobian)[:, None]
     if at.dropped is not None:
         pairs = pairs.replace(gap=pairs.gap + _across(normal, triples, at.dropped)[:, 0])
-    approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, free))
+    approach, coming = (_across(normal, triples, v)[:, 0] for v in (before, unhindered))
     on = ~(pairs.gap + dt * jnp.minimum(jnp.minimum(approach, coming), 0) >= candidates.margin)  # a NaN counts as near
     bias = _wanted_rate(pairs.gap, approach, coming, values, dt)
     deep = on & (pairs.gap < -DEEP * candidates.margin)
@@ -264,9 +264,9 @@ def contact_rows(
     if not candidates.rough:
         return upright, None, gaps
     rubs = on & (pairs.gap > -candidates.margin)  # what is inside each other goes apart without
-    across = jnp.einsum("mri,mik->mrk", tangents(pairs.normal), jacobian) * rubs[:, None, None]
+    across = contract("mri,mik->mrk", tangents(pairs.normal), jacobian) * rubs[:, None, None]
     none = jnp.zeros((*zero.shape[:1], 2), zero.dtype)
-    way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, free)
+    way = _way_before(pairs.gap, coming, bias, dt)[:, None] * _across(across, triples, unhindered)
     rough = PointRows(triples, across, none, way, unknowns=at.unknowns, lower=none, upper=none)
     return upright, rough, gaps
 
@@ -280,7 +280,7 @@ def tangents(normal: Array) -> Array:
 
 
 def _across(rows: Array, triples: Array, velocities: Array) -> Array:
-    return jnp.einsum("mrk,mk->mr", rows, velocities[triples].reshape(rows.shape[0], -1))
+    return contract("mrk,mk->mr", rows, velocities[triples].reshape(rows.shape[0], -1))
 
 
 def _way_before(gap: Array, coming: Array, bias: Array, dt: Array) -> Array:

@@ -16,6 +16,7 @@ from jaxfem.rows.attachments import Configuration, Frame, Point, difference, rel
 from jaxfem.rows.locks import JointRows, Softness, along_axes, idle_damping, spring_rows
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -50,8 +51,8 @@ class Angle(Pytree):
         """atan2 of b's first axis along a's second and first."""
         axes, other = self.a.axes(at), self.b.axes(at)
         triples, spin = relative_spin(self.a, self.b, at)
-        along = jnp.einsum("mij,mi->mj", axes, other[:, :, 0])
-        rate = jnp.einsum("mi,mik->mk", axes[:, :, 2], spin)
+        along = contract("mij,mi->mj", axes, other[:, :, 0])
+        rate = contract("mi,mik->mk", axes[:, :, 2], spin)
         return Measured(jnp.arctan2(along[:, 1], along[:, 0]), triples, rate[:, None])
 
 
@@ -90,7 +91,7 @@ class Separation(Pytree):
         square = jnp.sum(gap.position**2, -1)
         size = jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
         direction = gap.position / jnp.where(size > 0, size, 1)[:, None]
-        return Measured(size, gap.triples, jnp.einsum("mi,mik->mk", direction, gap.jacobian)[:, None])
+        return Measured(size, gap.triples, contract("mi,mik->mk", direction, gap.jacobian)[:, None])
 
 
 class CoordinateRows(JointRows):

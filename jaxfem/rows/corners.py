@@ -12,6 +12,7 @@ from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, difference
 from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
 from jaxfem.rows.triangles import aside, nearest_triangle
+from jaxfem.tensors import contract
 
 DEEPEST = 0.5
 """Share of a triangle's size down to which a corner beneath it has come through it: deeper, it is on another side."""
@@ -43,7 +44,7 @@ class CornerContacts(Candidates):
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle; beyond its edge the gap is the way from there."""
         placed = self.points.placed(at)
-        outward = jnp.einsum("mij,mj->mi", at.rotations[self.points.body], self.outward)
+        outward = contract("mij,mj->mi", at.rotations[self.points.body], self.outward)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles, outward)
         other = SoftPoint(chosen, weights).placed(at)
         way, corners = placed.position - other.position, at.nodes[chosen]

@@ -20,6 +20,7 @@ from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, WorldPoint
 from jaxfem.rows.contact import BURIED, Candidates, Pairs, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
+from jaxfem.tensors import contract, inner
 
 Array = jax.Array
 
@@ -115,7 +116,7 @@ class CurveContacts(Candidates):
         kink, normal, radius = kink.reshape(-1), normal.reshape(-1, 3), each(self.radius)
         kink = kink & (pairs.gap > -BURIED * self.margin)
         if self.other is not None:
-            normal = jnp.einsum("mij,mj->mi", at.rotations[each(self.other)], normal)
+            normal = contract("mij,mj->mi", at.rotations[each(self.other)], normal)
         short = jnp.sqrt(jnp.where(kink, jnp.sum(normal**2, -1), 1))
         gap = jnp.where(kink, (pairs.gap + radius) / short - radius, pairs.gap)
         normal = jnp.where(kink[:, None], normal / short[:, None], pairs.normal)
@@ -144,12 +145,12 @@ class CurveContacts(Candidates):
         centre = self.centre
         if self.body is not None:
             turn = at.rotations[self.body]
-            centre = at.centers[self.body] + jnp.einsum("mij,mj->mi", turn, centre)
-            vectors = jnp.einsum("mij,mkj->mki", turn, vectors)
+            centre = at.centers[self.body] + contract("mij,mj->mi", turn, centre)
+            vectors = contract("mij,mkj->mki", turn, vectors)
         if self.other is not None:
             turn = at.rotations[self.other]
-            centre = jnp.einsum("mji,mj->mi", turn, centre - at.centers[self.other])
-            vectors = jnp.einsum("mji,mkj->mki", turn, vectors)
+            centre = contract("mji,mj->mi", turn, centre - at.centers[self.other])
+            vectors = contract("mji,mkj->mki", turn, vectors)
             if self.offset is not None:
                 centre = centre + self.offset
         return centre, vectors[:, 0], vectors[:, 1]
@@ -222,7 +223,7 @@ def _kink(curve: Any, s: Array, closed: bool = False) -> tuple[Array, Array]:
             return _along(centre, first, second if closed else None, s)
 
         gradient: Array = jax.grad(shape.distance)(place(s))
-        return gradient, jnp.vdot(gradient, jax.jvp(place, (s,), (jnp.ones_like(s),))[1])
+        return gradient, inner(gradient, jax.jvp(place, (s,), (jnp.ones_like(s),))[1])
 
     (before, falls), (after, rises) = side(s - BESIDE), side(s + BESIDE)
     speed = jax.lax.stop_gradient(jnp.linalg.norm(first))

@@ -20,7 +20,17 @@ from jaxfem.elements.tetra import RotationKind
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.lawful import LawRows, law_rows
 from jaxfem.schemes import Stage
-from jaxfem.tensors import EIGENBASIS, Matrix3, array_of, matrix_of, product, symmetric, to_eigenbasis, transposed
+from jaxfem.tensors import (
+    EIGENBASIS,
+    Matrix3,
+    array_of,
+    contract,
+    matrix_of,
+    product,
+    symmetric,
+    to_eigenbasis,
+    transposed,
+)
 
 Array = jax.Array
 
@@ -73,8 +83,8 @@ class ElasticRows(Pytree):
             return jnp.zeros((1, clusters.count), parts.dtype).at[0, clusters.slot_cluster].add(parts)
         corner = inverse_mass[self.domains.cells].T
         basis = jnp.asarray(EIGENBASIS[self.domains.rows], corner.dtype)
-        spread = jnp.einsum("rij,aje->raie", basis, self.domains.gradients)
-        return jnp.einsum("raie,raie,ae->re", spread, spread, corner)
+        spread = contract("rij,aje->raie", basis, self.domains.gradients)
+        return contract("raie,raie,ae->re", spread, spread, corner)
 
 
 StepRows = ElasticRows | LawRows

@@ -17,6 +17,7 @@ from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint
 from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
+from jaxfem.tensors import contract, matmul
 
 Array = jax.Array
 
@@ -110,7 +111,7 @@ class FaceContacts(Candidates):
         corners = at.nodes[self.nodes]
         if self.body is None:
             return corners
-        local = jnp.einsum("mji,mkj->mki", at.rotations[self.body], corners - at.centers[self.body][:, None])
+        local = contract("mji,mkj->mki", at.rotations[self.body], corners - at.centers[self.body][:, None])
         return local if self.offset is None else local + self.offset[:, None]
 
 
@@ -120,8 +121,8 @@ def _size(corners: Array) -> Array:
 
 def _tells_more(shape: Any, corners: Array, weights: Array) -> Array:
     """Whether the point of `weights` (3,) is deeper than the distances of the corners (3, 3) say there."""
-    spanned = weights @ jax.vmap(shape.distance)(corners)
-    deeper: Array = shape.distance(weights @ corners) < spanned - LEVEL * _size(corners)
+    spanned = matmul(weights, jax.vmap(shape.distance)(corners))
+    deeper: Array = shape.distance(matmul(weights, corners)) < spanned - LEVEL * _size(corners)
     return deeper & (jnp.max(weights) < 1 - CORNER)
 
 
@@ -131,7 +132,7 @@ def _deepest(shape: Any, corners: Array) -> Array:
 
     def distance(given: Any, weights: Array) -> Array:
         shape, corners = given
-        found: Array = shape.distance(weights @ corners)
+        found: Array = shape.distance(matmul(weights, corners))
         return found
 
     size = _size(fixed[1])
@@ -140,7 +141,7 @@ def _deepest(shape: Any, corners: Array) -> Array:
     def finer(k: Array, carry: tuple[Array, Array]) -> tuple[Array, Array]:
         best, step = carry
         c, s = jnp.cos(TURN * k), jnp.sin(TURN * k)
-        tries = jnp.maximum(best + step * pattern @ jnp.array([[c, s], [-s, c]], best.dtype) @ plane, 0)
+        tries = jnp.maximum(best + step * matmul(matmul(pattern, jnp.array([[c, s], [-s, c]], best.dtype)), plane), 0)
         tries = tries / jnp.sum(tries, -1, keepdims=True)
         values = jax.vmap(lambda w: distance(fixed, w) + EVEN * size * jnp.sum((w - 1 / 3) ** 2))(tries)
         return tries[jnp.argmin(values)], FINER * step
@@ -161,15 +162,15 @@ def _exact(distance: Any, fixed: Any, given: Any, best: Array, size: Array) -> A
     ways = jnp.stack([first - last, across], -1)  # (3, 2), zero where there is no such way
 
     def slope(given: Any, moved: Array) -> Array:
-        found: Array = jax.grad(lambda moved: distance(given, best + ways @ moved))(moved)
+        found: Array = jax.grad(lambda moved: distance(given, best + matmul(ways, moved)))(moved)
         return found
 
     nothing = jnp.zeros(2, best.dtype)
     bend = jax.jacfwd(lambda moved: slope(fixed, moved))(nothing)
     turn = 0.5 * jnp.arctan2(2 * bend[0, 1], bend[0, 0] - bend[1, 1])
     axes = jnp.array([[jnp.cos(turn), -jnp.sin(turn)], [jnp.sin(turn), jnp.cos(turn)]])
-    curvature = jnp.einsum("ia,ij,ja->a", axes, bend, axes)
+    curvature = contract("ia,ij,ja->a", axes, bend, axes)
     curved = curvature > CURVED * size
-    inverse = jnp.einsum("ia,a,ja->ij", axes, jnp.where(curved, 1 / jnp.where(curved, curvature, 1), 0), axes)
-    near = jnp.sum(jnp.abs(inverse @ slope(fixed, nothing))) < NUDGE
-    return best - ways @ jnp.where(near, inverse @ slope(given, nothing), 0)
+    inverse = contract("ia,a,ja->ij", axes, jnp.where(curved, 1 / jnp.where(curved, curvature, 1), 0), axes)
+    near = jnp.sum(jnp.abs(matmul(inverse, slope(fixed, nothing)))) < NUDGE
+    return best - matmul(ways, jnp.where(near, matmul(inverse, slope(given, nothing)), 0))

@@ -29,6 +29,7 @@ from jaxfem.rows.attachments import (
 )
 from jaxfem.rows.points import PointRows
 from jaxfem.schemes import Stage
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -188,7 +189,7 @@ class FrameLock(JointRows):
             gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
         about = axes[:, :, : self.held]
         return spring_rows(
-            jnp.einsum("mij,mi->mj", about, gap), triples, jnp.einsum("mij,mik->mjk", about, spin), values, at, stage
+            contract("mij,mi->mj", about, gap), triples, contract("mij,mik->mjk", about, spin), values, at, stage
         )
 
 
@@ -199,11 +200,11 @@ def along_axes(a: Placed, b: Placed, frame: Frame, at: Configuration) -> tuple[A
     """
     gap, axes = difference(a, b), frame.axes(at)
     spinning, spin = frame.spin(at)
-    own = jnp.einsum("mij,mik->mjk", axes, gap.jacobian)
+    own = contract("mij,mik->mjk", axes, gap.jacobian)
     arms = jnp.cross(axes, gap.position[:, :, None], axis=1)
-    turning = jnp.einsum("mij,mik->mjk", arms, spin)
+    turning = contract("mij,mik->mjk", arms, spin)
     triples = jnp.concatenate([gap.triples, spinning], -1)
-    return jnp.einsum("mij,mi->mj", axes, gap.position), triples, jnp.concatenate([own, turning], -1)
+    return contract("mij,mi->mj", axes, gap.position), triples, jnp.concatenate([own, turning], -1)
 
 
 def tension_stiffness(lock: PointLock, force: Array, at: Configuration) -> Array:

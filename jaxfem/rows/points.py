@@ -4,7 +4,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree, static
-from jaxfem.tensors import taken
+from jaxfem.tensors import contract, taken
 
 Array = jax.Array
 
@@ -33,11 +33,11 @@ class PointRows(Pytree):
 
     def apply(self, velocities: Array) -> Array:
         """J v: (n, 3) -> (m, r). One small dense product a block."""
-        return jnp.einsum("mrk,mk->mr", self.jacobian, taken(velocities, self.triples))
+        return contract("mrk,mk->mr", self.jacobian, taken(velocities, self.triples))
 
     def apply_transpose(self, impulses: Array) -> Array:
         """J' lam: (m, r) -> (n, 3)."""
-        parts = jnp.einsum("mrk,mr->mk", self.jacobian, impulses).reshape(*self.triples.shape, 3)
+        parts = contract("mrk,mr->mk", self.jacobian, impulses).reshape(*self.triples.shape, 3)
         return jnp.zeros((self.unknowns, 3), parts.dtype).at[self.triples].add(parts)
 
     def diagonal(self, inverse_mass: Array, inverse_inertia: Array | None = None) -> Array:
@@ -51,6 +51,6 @@ class PointRows(Pytree):
         if inverse_inertia is not None:
             scalars = inverse_mass[:, None, None] * jnp.eye(3, dtype=inverse_mass.dtype)
             blocks = scalars.at[self.unknowns - inverse_inertia.shape[0] :].add(inverse_inertia)[self.triples]
-            return jnp.einsum("mrai,maij,mrbj,mab->mr", parts, blocks, parts, same.astype(parts.dtype))
+            return contract("mrai,maij,mrbj,mab->mr", parts, blocks, parts, same.astype(parts.dtype))
         same = same * inverse_mass[self.triples][:, :, None]
-        return jnp.einsum("mrai,mrbi,mab->mr", parts, parts, same)
+        return contract("mrai,mrbi,mab->mr", parts, parts, same)

@@ -3,6 +3,8 @@
 import jax
 import jax.numpy as jnp
 
+from jaxfem.tensors import contract
+
 Array = jax.Array
 
 
@@ -88,7 +90,7 @@ def _turned_away(corners: Array, outward: Array) -> Array:
     """What makes triangles (m, t, 3, 3) that do not look against `outward` (m, 3) seem further off, (m, t)."""
     across = jnp.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
     double = jnp.linalg.norm(across, axis=-1)
-    return jnp.where(jnp.einsum("mti,mi->mt", across, outward) < 0, 0, ASIDE**2 * double)
+    return jnp.where(contract("mti,mi->mt", across, outward) < 0, 0, ASIDE**2 * double)
 
 
 def _square_distances(points: Array, corners: Array) -> Array:

@@ -10,6 +10,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers import trees
+from jaxfem.tensors import EXACT, matmul
 
 Array = jax.Array
 
@@ -45,7 +46,7 @@ def accelerated(history: History, x: Any, image: Any, weights: Any) -> tuple[Any
     used = jnp.arange(DEPTH) < history.count
     share = _fitted(off_steps, off, weights, used)
     both = jax.tree.map(jnp.add, x_steps, off_steps)
-    following = jax.tree.map(lambda leaf, steps: leaf - jnp.tensordot(share, steps, 1), image, both)
+    following = jax.tree.map(lambda leaf, steps: leaf - jnp.tensordot(share, steps, 1, precision=EXACT), image, both)
     return following, History(x, off, x_steps, off_steps, jnp.minimum(history.count + 1, DEPTH).astype(jnp.int32))
 
 
@@ -59,7 +60,7 @@ def _fitted(steps: Any, off: Any, weights: Any, used: Array) -> Array:
     def part(s: Array, r: Array, w: Array) -> tuple[Array, Array]:
         flat = s.reshape(DEPTH, -1)
         weighed = flat * w.ravel()
-        return weighed @ flat.T, weighed @ r.ravel()
+        return matmul(weighed, flat.T), matmul(weighed, r.ravel())
 
     parts = [part(*leaves) for leaves in zip(*map(jax.tree.leaves, (steps, off, weights)), strict=True)]
     matrix, right = (sum(each[1:], start=each[0]) for each in zip(*parts, strict=True))

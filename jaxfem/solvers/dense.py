@@ -8,9 +8,10 @@ import jax
 import jax.numpy as jnp
 from jax import lax
 
+from jaxfem.tensors import EXACT
+
 Array = jax.Array
 
-EXACT = lax.Precision.HIGHEST
 BLOCK = 8
 
 

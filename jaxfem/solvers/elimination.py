@@ -12,8 +12,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
-from jaxfem.solvers.dense import EXACT
 from jaxfem.solvers.elimination_order import Core, EliminationOrder, Leaves, upper_pairs
+from jaxfem.tensors import EXACT
 
 Array = jax.Array
 

@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.tensors import inner
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
@@ -63,18 +64,6 @@ def minimize_newton(
         found, trips = _direction(*tangent(x, here.aux), here, max_inner - inner)
         return found, inner + trips
 
-    def at_rounding(x: Array, here: Evaluation, direction: Array) -> Array:
-        # A gradient of rounding ends the way, where the step that it asks for is small beside the way already made.
-        little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(x - start)
-        unloaded = ~jnp.any(here.load)
-        ended: Array = (jnp.linalg.norm(here.gradient) <= here.noise) & (little | unloaded)
-        return ended
-
-    def judge(here: Evaluation) -> Array:
-        residual = jnp.linalg.norm(here.gradient) / here.scale
-        code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
-        return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
-
     def trip(s: _State) -> _State:
         # One trial point a trip: either it is good and a new direction starts there, or the step is halved.
         x = s.x + s.length * s.direction
@@ -83,10 +72,11 @@ def minimize_newton(
         x = jnp.where(good, x, s.x)
         here = jax.tree.map(lambda new, old: jnp.where(good, new, old), there, s.here)
         length = jnp.where(good, 1.0, s.length / 2).astype(x.dtype)
-        again = good & (judge(here) == Status.ITERATION_LIMIT)
+        verdict = _judged(here, tol)
+        again = good & (verdict == Status.ITERATION_LIMIT)
         direction, inner = jax.lax.cond(again, direction_at, lambda x, here, *old: old, x, here, s.direction, s.inner)
-        lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), judge(here))
-        ended = (again | (length < _SHORTEST)) & at_rounding(x, here, direction)
+        lost = jnp.where(length < _SHORTEST, int(Status.NO_DESCENT), verdict)
+        ended = (again | (length < _SHORTEST)) & _at_rounding(x - start, here, direction)
         status = jnp.where(ended, int(Status.CONVERGED), lost).astype(jnp.int32)
         return _State(x, here, direction, length, s.iteration + 1, inner, status)
 
@@ -104,6 +94,19 @@ def minimize_newton(
     return last.x, SolveInfo(last.status, last.iteration, residual, jnp.int32(0))
 
 
+def _judged(here: Evaluation, tol: Any) -> Array:
+    residual = jnp.linalg.norm(here.gradient) / here.scale
+    code = jnp.where(residual <= tol, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    return jnp.where(jnp.isfinite(residual), code, int(Status.NOT_FINITE)).astype(jnp.int32)
+
+
+def _at_rounding(way: Array, here: Evaluation, direction: Array) -> Array:
+    """A gradient of rounding ends the `way`, where the step that it asks for is small beside what is already made."""
+    little = jnp.linalg.norm(direction) <= LAST_STEP * jnp.linalg.norm(way)
+    ended: Array = (jnp.linalg.norm(here.gradient) <= here.noise) & (little | ~jnp.any(here.load))
+    return ended
+
+
 def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_inner: Any) -> tuple[Array, Array]:
     """Truncated Newton direction, the preconditioned gradient where curvature is negative at once; and its trips."""
     residual = jnp.linalg.norm(here.gradient) / here.scale
@@ -111,7 +114,7 @@ def _direction(hessian: Operator, precondition: Operator, here: Evaluation, max_
     known = jnp.linalg.norm(here.gradient) <= here.noise
     tolerance = jnp.where(known, 1e-3, jnp.clip(jnp.sqrt(residual), 1e-5, 0.1))
     direction, info = pcg(hessian, -here.gradient, precondition, tol=tolerance, max_iterations=max_inner)
-    usable = jnp.isfinite(direction).all() & (jnp.vdot(direction, here.gradient) < 0)
+    usable = jnp.isfinite(direction).all() & (inner(direction, here.gradient) < 0)
     return jnp.where(usable, direction, precondition(-here.gradient)), info.iterations
 
 
@@ -120,8 +123,8 @@ def _accepted(s: _State, x: Array, there: Evaluation) -> Array:
     here = s.here
     start = jnp.isinf(here.energy)
     here = jax.tree.map(lambda a: jnp.where(start, 0.0, a), here)
-    slope = s.length * jnp.vdot(here.gradient, s.direction)
-    change = there.energy - here.energy - s.length * jnp.vdot(here.load, s.direction)
+    slope = s.length * inner(here.gradient, s.direction)
+    change = there.energy - here.energy - s.length * inner(here.load, s.direction)
     # Energies are known to about the rounding of positions times the forces on them.
     noise = 8 * jnp.finfo(x.dtype).eps * (jnp.abs(here.energy) + here.scale * jnp.linalg.norm(x))
     flat = jnp.abs(slope) <= noise

@@ -14,6 +14,7 @@ from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import check_call, check_rollout, typed
 from jaxfem.stepping.step import cached, joined, one_step, one_that_ends
 from jaxfem.stepping.values import value_status
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -152,7 +153,7 @@ def watched(
 
 
 def _seen(model: Model, params: Params, state: State, watch: Watch) -> Seen:
-    places = jnp.einsum("qa,qai->qi", watch.weights, state.positions[watch.nodes])
+    places = contract("qa,qai->qi", watch.weights, state.positions[watch.nodes])
     return Seen(state.time, energies(model, params, state).kinds, places)
 
 

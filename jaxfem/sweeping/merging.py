@@ -4,6 +4,7 @@ import csv
 import dataclasses
 import json
 import os
+import shutil
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +14,7 @@ from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.order import stretches
 from jaxfem.sweeping.result import FEW, columns
 from jaxfem.sweeping.samples import Variants
-from jaxfem.sweeping.shards import Manifest, missing, read_shard
+from jaxfem.sweeping.shards import Manifest, missing, read_shard, temporary
 
 TABLES = ("csv", "parquet")
 ARRAYS = ("npy", "zarr")
@@ -35,7 +36,7 @@ def merge(folder: Path, manifest: Manifest, variants: Variants, table: str = "cs
     than 12 numbers an array (V, ...) in arrays/. SweepError where shards are missing, repeated or of another sweep."""
     if lost := missing(folder, manifest):
         raise SweepError(f"{len(lost)} of {manifest.shards} shards are missing in {folder}: run the sweep again")
-    rows, large = _Table(folder / f"results.{table}", table), dict[str, Any]()
+    rows, large = _Table(folder / f"results.{table}", table), dict[str, _Array]()
     statuses, makers, last = dict[str, int](), set[str](), -1
     try:
         for stretch in _stretches(manifest):
@@ -49,16 +50,19 @@ def merge(folder: Path, manifest: Manifest, variants: Variants, table: str = "cs
             for name, each in outputs.items():
                 if each[0].size > FEW:
                     if name not in large:
-                        plain = _plain(name, {path.stem for path, _ in large.values()})
-                        large[name] = _array(folder, plain, (manifest.count, *each.shape[1:]), each.dtype, arrays)
-                    large[name][1][own.start : own.stop] = each
+                        plain = _plain(name, {array.path.stem for array in large.values()})
+                        shape = manifest.count, *each.shape[1:]
+                        large[name] = _Array(folder / "arrays" / f"{plain}.{arrays}", shape, each.dtype, arrays)
+                    large[name].rows[own.start : own.stop] = each
             last = own.stop
-    finally:
-        rows.close()
-    if last != manifest.count:
-        raise SweepError(f"the shards hold {last} variants, not {manifest.count}")
-    rows.keep()
-    return Merged([rows.path, *(path for path, _ in large.values())], statuses, len(makers))
+        if last != manifest.count:
+            raise SweepError(f"the shards hold {last} variants, not {manifest.count}")
+        for one in (*large.values(), rows):
+            one.keep()
+        return Merged([rows.path, *(array.path for array in large.values())], statuses, len(makers))
+    finally:  # an interruption, a damaged shard, a disk that is full
+        for one in (rows, *large.values()):
+            one.drop()
 
 
 def _stretches(manifest: Manifest) -> list[range]:
@@ -84,13 +88,37 @@ def _together(
     return own, outputs, told, words, {json.dumps(about["made_by"], sort_keys=True) for _, _, about in found}
 
 
-class _Table:
-    """Rows of columns, written as they come under another name, until they are all there."""
+class _Part:
+    """A file, or folder, that is written under another name `part`, until all is there."""
+
+    def __init__(self, path: Path):
+        self.path, self.part = path, temporary(path)
+
+    def close(self) -> None:
+        """Write what is still to be written."""
+
+    def keep(self) -> None:
+        """In place of what was there."""
+        self.close()
+        if self.path.is_dir():
+            shutil.rmtree(self.path)
+        os.replace(self.part, self.path)
+
+    def drop(self) -> None:
+        """Remove what was written and not kept."""
+        try:
+            self.close()
+        finally:
+            shutil.rmtree(self.part) if self.part.is_dir() else self.part.unlink(missing_ok=True)
+
+
+class _Table(_Part):
+    """Rows of columns, written as they come."""
 
     def __init__(self, path: Path, kind: str):
         self.writer: Any
-        self.path, self.kind, self.writer = path, kind, _parquet() if kind == "parquet" else (None, None)
-        self.part = path.with_name(f"{path.name}.part")
+        super().__init__(path)
+        self.writer = _parquet() if kind == "parquet" else (None, None)
         self.file: Any = self.part.open("w", newline="", encoding="utf-8") if kind == "csv" else None
         self.open: Any = None
 
@@ -110,13 +138,10 @@ class _Table:
         self.open.write_table(piece)
 
     def close(self) -> None:
-        if self.file is not None:
-            self.file.close()
-        elif self.open is not None:
-            self.open.close()
-
-    def keep(self) -> None:
-        os.replace(self.part, self.path)
+        """The table's footer."""
+        for each in (self.file, self.open if self.file is None else None):
+            if each is not None:
+                each.close()
 
 
 def _parquet() -> Any:
@@ -134,16 +159,48 @@ def _plain(name: str, taken: set[str]) -> str:
     return next(each for each in (plain, *(f"{plain}_{number}" for number in range(2, 9999))) if each not in taken)
 
 
-def _array(folder: Path, name: str, shape: tuple[int, ...], dtype: Any, kind: str) -> tuple[Path, Any]:
-    """An array on disk to write rows into."""
-    (folder / "arrays").mkdir(exist_ok=True)
-    if kind == "npy":
-        path = folder / "arrays" / f"{name}.npy"
-        return path, np.lib.format.open_memmap(path, "w+", dtype, shape)
+class _Array(_Part):
+    """An array on disk to write `rows` into."""
+
+    def __init__(self, path: Path, shape: tuple[int, ...], dtype: Any, kind: str):
+        self.rows: Any
+        super().__init__(path)
+        path.parent.mkdir(exist_ok=True)
+        try:
+            self.rows = (_npy if kind == "npy" else _zarr)(self.part, shape, dtype)
+        except BaseException:
+            self.drop()
+            raise
+
+    def close(self) -> None:
+        """The map of the file goes."""
+        self.rows = None
+
+
+def check_writers(table: str, arrays: str) -> None:
+    """SweepError where a package is missing that these kinds of files need: before a sweep, not after it."""
+    if table == "parquet":
+        _parquet()
+    if arrays == "zarr":
+        _zarr_module()
+
+
+def _npy(path: Path, shape: tuple[int, ...], dtype: Any) -> Any:
+    made = np.lib.format.open_memmap(path, "w+", dtype, shape)
+    if hasattr(os, "posix_fallocate"):  # a disk that is full then has an error here; later it would kill the process
+        with path.open("r+b") as file:
+            os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
+    return made
+
+
+def _zarr_module() -> Any:
     try:
         import zarr
     except ImportError:
         raise SweepError("Zarr arrays need zarr: pip install 'jaxfem[sweeps]', or arrays = \"npy\"") from None
-    path = folder / "arrays" / f"{name}.zarr"
+    return zarr
+
+
+def _zarr(path: Path, shape: tuple[int, ...], dtype: Any) -> Any:
     chunks = (min(shape[0], max(1, 10_000_000 // max(1, int(np.prod(shape[1:])) * dtype.itemsize))), *shape[1:])
-    return path, zarr.open(str(path), mode="w", shape=shape, chunks=chunks, dtype=dtype)
+    return _zarr_module().open(str(path), mode="w", shape=shape, chunks=chunks, dtype=dtype)

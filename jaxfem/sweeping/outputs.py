@@ -17,6 +17,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
 from jaxfem.stepping import impulses
 from jaxfem.sweeping.errors import SweepError
+from jaxfem.tensors import contract
 from jaxfem.vibration import modes
 
 Array = jax.Array
@@ -82,7 +83,7 @@ class PointPath(Output, word="point"):
         corners, share = jnp.asarray(cells[elements[0]], jnp.int32), jnp.asarray(weights[0], model.rest.dtype)
 
         def path(run: Observed) -> Array:
-            found: Array = jnp.einsum("a,kai->ki", share, run.states.positions[:, corners] - model.rest[corners])
+            found: Array = contract("a,kai->ki", share, run.states.positions[:, corners] - model.rest[corners])
             return found
 
         return path

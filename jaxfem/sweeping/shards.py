@@ -6,6 +6,7 @@ import hashlib
 import json
 import os
 import platform
+import shutil
 import zipfile
 import zlib
 from collections.abc import Iterable, Iterator
@@ -21,7 +22,9 @@ from jaxfem.sweeping.chunks import Sweep
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.samples import Variants
 
-MANIFEST, FOLDER = "manifest.json", "shards"
+MANIFEST, FOLDER, ARRAYS = "manifest.json", "shards", "arrays"
+MERGED = ("results.csv", "results.parquet", "indices.csv", "responses.png", "pairs.png")
+"""Files that are made of all shards, beside those in the folder of arrays."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -80,10 +83,11 @@ def begun(folder: Path, digest: str) -> Manifest | None:
 
 
 def write_manifest(folder: Path, manifest: Manifest) -> None:
-    """Begin a folder; shards that are there go."""
+    """Begin a folder; shards that are there go, and what was merged of them."""
     (folder / FOLDER).mkdir(parents=True, exist_ok=True)
-    for old in (folder / FOLDER).glob("shard_*"):
-        old.unlink()
+    for old in [*(folder / FOLDER).glob("shard_*"), *(folder / name for name in MERGED)]:
+        old.unlink(missing_ok=True)
+    shutil.rmtree(folder / ARRAYS, ignore_errors=True)
     _replace(folder / MANIFEST, manifest.text().encode())
 
 
@@ -123,15 +127,15 @@ def write_shard(path: Path, manifest: Manifest, number: int, outputs: dict[str, 
     members = manifest.members(number).tolist()
     about = {"digest": manifest.digest, "variants": members, "statuses": words, "made_by": made_by()}
     arrays = {f"out:{name}": each for name, each in outputs.items()} | {f"told:{n}": each for n, each in told.items()}
-    temporary = _temporary(path)
+    part = temporary(path)
     try:
-        with temporary.open("wb") as file:
+        with part.open("wb") as file:
             np.savez(file, about=np.array(json.dumps(about)), **arrays)
             file.flush()
             os.fsync(file.fileno())
-        os.replace(temporary, path)
+        os.replace(part, path)
     finally:  # a disk that is full
-        temporary.unlink(missing_ok=True)
+        part.unlink(missing_ok=True)
 
 
 def read_shard(
@@ -180,11 +184,14 @@ def _processor() -> str:
 
 
 def _replace(path: Path, content: bytes) -> None:
-    temporary = _temporary(path)
-    temporary.write_bytes(content)
-    os.replace(temporary, path)
+    part = temporary(path)
+    try:
+        part.write_bytes(content)
+        os.replace(part, path)
+    finally:
+        part.unlink(missing_ok=True)
 
 
-def _temporary(path: Path) -> Path:
+def temporary(path: Path) -> Path:
     """Beside a file, what no other process of any machine writes."""
     return path.with_name(f"{path.name}.{platform.node()}.{os.getpid()}.part")

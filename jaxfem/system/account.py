@@ -12,6 +12,7 @@ from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State, domain_materials, element_constants, nodal_mass, shared_mass
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.memory import domain_values, soon, step_materials
+from jaxfem.tensors import inner
 
 Array = jax.Array
 
@@ -39,11 +40,11 @@ def _entries(
     way = after.positions - before.positions
     pull = [load_force(model.loads, params.loads, each.positions) for each in (before, after)]
     load = 0.5 * (pull[0] + pull[1]) + (0 if forces is None else forces)
-    entries = {"loads": -jnp.vdot(load, way)}
+    entries = {"loads": -inner(load, way)}
     if model.driven:
         entries["supports"] = -_support_work(model, params, before, after, load, dt)
     if model.dragged:
-        entries["drag"] = jnp.vdot(way, _drag(model, params, way / dt))
+        entries["drag"] = inner(way, _drag(model, params, way / dt))
     return entries | _losses(model, params, before, after, dt)
 
 
@@ -68,13 +69,13 @@ def _losses(model: Model, params: Params, before: State, after: State, dt: Array
         start, end = (jnp.stack(own[k][0]) for own in strains)
         weights = jnp.stack([jnp.broadcast_to(w, each.row_volumes.shape) for w in material.weights(each)])
         rate = material.damping * jnp.sum(weights * (end - start) ** 2, axis=0) / dt
-        losses["damping"] += jnp.vdot(each.row_volumes, rate)
+        losses["damping"] += inner(each.row_volumes, rate)
         if before.internal is None or before.internal[k] is None:
             continue
         numbers = domain_values(each, values)
         found = each.law.dissipated(numbers, before.internal[k], after.internal[k], end, weights, dt, each.rows)
         for name, density in found.items():
-            losses[name] = losses.get(name, zero) + jnp.vdot(each.row_volumes, density)
+            losses[name] = losses.get(name, zero) + inner(each.row_volumes, density)
     return losses
 
 

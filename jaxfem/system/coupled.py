@@ -34,7 +34,7 @@ from jaxfem.system.momentum import turns_ahead
 from jaxfem.system.names import contact_name, friction_name, joint_name
 from jaxfem.system.pull import needed_stiffness, pulls
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inverse_blocks
 
 Array = jax.Array
 Inverse = tuple[Array, Array | None]
@@ -202,7 +202,7 @@ def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> 
     if blocks is None:
         return velocities
     bodies = blocks.shape[0]
-    return velocities.at[-bodies:].set(jnp.einsum("bij,bj->bi", blocks, momentum[-bodies:]))
+    return velocities.at[-bodies:].set(contract("bij,bj->bi", blocks, momentum[-bodies:]))
 
 
 def apply_mass(system: System, velocities: Array) -> Array:
@@ -211,7 +211,7 @@ def apply_mass(system: System, velocities: Array) -> Array:
     if system.inertia is None:
         return momentum
     bodies = system.inertia.shape[0]
-    turning = jnp.einsum("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
+    turning = contract("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
     return momentum.at[-bodies:].set(turning)
 
 
@@ -248,7 +248,7 @@ def _with_rigid(
     if pulls(model):
         needed, pulled = needed_stiffness(model, pull, middle, dt, at)
         inertia = middle + dt**2 * needed
-        turning = jnp.einsum("bij,bj->bi", inverse_blocks(inertia), jnp.einsum("bij,bj->bi", middle, spin))
+        turning = contract("bij,bj->bi", inverse_blocks(inertia), contract("bij,bj->bi", middle, spin))
     linear, angular = prescribed_velocities(bodies, params.rigid.motions, rigid, state.time, dt)
     free = bodies.free[:, None] > 0
     targets = jnp.where(free, rigid.velocities + dt * params.gravity, linear), jnp.where(free, turning, angular)

@@ -93,9 +93,9 @@ def with_impacts(
     `islands` (b,): see `island_slots`; `velocities` (n, 3): those before the step and those that loads alone lead to;
     `inverse`: a function, M^-1 of momenta (n, 3); `last`: impulses of the last step's rows by group.
     """
-    before, free = velocities
+    before, unhindered = velocities
     ways = OrderedDict(
-        (name, _approach(extra[name], each, islands, before, free)) for name, each in sorted(gaps.items())
+        (name, _approach(extra[name], each, islands, before, unhindered)) for name, each in sorted(gaps.items())
     )
     turning = tuple(extra) if any(way.rows.triples.shape[1] == BETWEEN for way in ways.values()) else ()
     plain = OrderedDict((name, extra[name].bias) for name in (*ways, *friction))
@@ -103,7 +103,7 @@ def with_impacts(
     none = jnp.zeros(islands.shape, before.dtype)
 
     def place() -> tuple[Any, Any, Array]:
-        return _placed(extra, turning, ways, friction, islands, before, free, inverse, last, dt)
+        return _placed(extra, turning, ways, friction, islands, before, unhindered, inverse, last, dt)
 
     biases, arms, share = cond_any(_possible(ways.values(), dt), place, lambda: (plain, arms, none))
     changed = OrderedDict(extra)
@@ -126,11 +126,11 @@ def _sides(rows: PointRows) -> Array:
     return jnp.where(jnp.isinf(rows.upper), 1.0, jnp.where(jnp.isinf(rows.lower), -1.0, 0.0)).astype(rows.bias.dtype)
 
 
-def _approach(rows: PointRows, gaps: Gaps, islands: Array, before: Array, free: Array) -> Approach:
+def _approach(rows: PointRows, gaps: Gaps, islands: Array, before: Array, unhindered: Array) -> Approach:
     count = islands.shape[0]
     nodes, side = rows.unknowns - 2 * count, _sides(rows)
     slots = jnp.where(rows.triples < nodes, count, islands[(rows.triples - nodes) % count])
-    rate, coming = (side * rows.apply(v) for v in (before, free))
+    rate, coming = (side * rows.apply(v) for v in (before, unhindered))
     return Approach(rows, side, gaps.gap, rate, coming, gaps.restitution, gaps.near, slots)
 
 
@@ -152,14 +152,14 @@ def _placed(
     friction: Mapping[str, Friction],
     islands: Array,
     before: Array,
-    free: Array,
+    unhindered: Array,
     inverse: Any,
     last: Mapping[str, Array],
     dt: Array,
 ) -> tuple[OrderedDict[str, Array], OrderedDict[str, Array], Array]:
     """Biases of the groups, the Jacobians of those that are `turning`, and the bodies' shares."""
     pushed = [extra[name].apply_transpose(lam) for name, lam in last.items() if name in extra]
-    held = inverse(sum(pushed, start=jnp.zeros_like(free)))
+    held = inverse(sum(pushed, start=jnp.zeros_like(unhindered)))
     events = [_event(way, held, islands.shape[0], dt) for way in ways.values()]
     slots = _shares(list(ways.values()), events, islands.shape[0])
     share = slots[islands]

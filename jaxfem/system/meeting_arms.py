@@ -12,6 +12,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.rows.points import PointRows
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -42,5 +43,5 @@ def _moved(rows: PointRows, ways: Array, moving: Array, nodes: int) -> PointRows
     change = -jnp.cross(gone[:, None], parts)  # (m, r, k, 3), of the angular triple of the same body
     same = linear[:, :, None] & (rows.triples[:, :, None] + count == rows.triples[:, None])
     first = same & (jnp.cumsum(same, axis=2) == 1)  # the spin of a frame may stand there too
-    parts = parts + jnp.einsum("mrai,mab->mrbi", change, first.astype(parts.dtype))
+    parts = parts + contract("mrai,mab->mrbi", change, first.astype(parts.dtype))
     return rows.replace(jacobian=parts.reshape(m, r, -1))

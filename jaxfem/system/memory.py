@@ -11,6 +11,7 @@ from jaxfem.elements.finite import of_energy
 from jaxfem.elements.stretch import domain_stretches
 from jaxfem.model import Model, Params, State, domain_materials, element_constants
 from jaxfem.schemes import Stage
+from jaxfem.tensors import inner
 
 Array = jax.Array
 
@@ -116,7 +117,7 @@ def beside_strain(model: Model, params: Params, internal: Any) -> Array:
         if own is not None:
             weights = jnp.stack([jnp.broadcast_to(w, each.row_volumes.shape) for w in plain.weights(each)])
             density = each.law.stored(domain_values(each, values), own, weights, each.rows)
-            energy = energy if density is None else energy + jnp.vdot(each.row_volumes, density)
+            energy = energy if density is None else energy + inner(each.row_volumes, density)
     return energy
 
 

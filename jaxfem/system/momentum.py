@@ -15,14 +15,14 @@ from typing import NamedTuple
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxfem.elements.mass import SharedMass
 from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
-from jaxfem.rotation import quaternion_from_rotation_vector, quaternion_to_matrix
 from jaxfem.rows.bounds import Impulses
-from jaxfem.solvers.status import Status, caused
+from jaxfem.system import rigid_part
+from jaxfem.system.rigid_part import arms, cross, divided, spins
 from jaxfem.system.soft import System, external_force
+from jaxfem.tensors import contract
 
 Array = jax.Array
 
@@ -33,27 +33,26 @@ PUSHED = {True: 1e-9, False: 1e-4}
 ROUNDING = 8.0
 """Times the precision and the momentum of a body's nodes: what is no loss of spin."""
 
-FAR = 0.01
-"""rad in a step: what turns less has the rotations of its start, what turns twice as far those of its end."""
-TOO_FAR = {True: 0.25, False: 0.12}
-"""rad in a step: a free body that turns further gains a twentieth of its energy and more, at a radian all bounds are
-lost; of schemes whose positions move straight along the new velocities, and of others."""
-
 
 class _Groups(NamedTuple):
     """Which bodies move as one: `of` (p,) for each point, their `number`, and for each group (g,), as 0 or 1, whether
-    no joint or support holds it, `loose`, whether nothing outside pushes it either, `free`, and is it soft, `alone`."""
+    no joint or support holds it, `loose`, whether nothing outside pushes it either, `unpushed`, and whether it is soft
+    too, `alone`."""
 
     of: Array
     number: int
     loose: Array
-    free: Array
+    unpushed: Array
     alone: Array
 
     def sums(self, values: Array) -> Array:
-        """Sums (g, k) of values (p, k) of the points."""
-        points = values.shape[0]
-        return jnp.zeros((self.number, values.shape[1]), values.dtype).at[self.of[:points]].add(values)
+        """Sums (g, ...) of values (p, ...) of the points."""
+        zeros = jnp.zeros((self.number, *values.shape[1:]), values.dtype)
+        return zeros.at[self.of[: values.shape[0]]].add(values)
+
+    def spread(self, values: Array, points: int) -> Array:
+        """Each of the first `points`' own of values (g, ...) of the groups."""
+        return values[self.of[:points]]
 
 
 def kept(model: Model, system: System, places: Array, velocities: Array, impulses: Impulses | None) -> Array:
@@ -71,15 +70,15 @@ def kept(model: Model, system: System, places: Array, velocities: Array, impulse
     defect = mass * (velocities - system.target)[:points] - push
     if system.shared_mass is not None and system.before is not None:
         defect = defect + system.shared_mass.apply(velocities - system.before)
-    shift = -_divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
+    shift = -divided(groups.sums(defect), groups.sums(mass)) * groups.loose[:, None]
     bound = shift if system.friction else _along(shift, groups.sums(push))
-    shift = shift - bound * (1 - groups.free)[:, None]
+    shift = shift - bound * (1 - groups.unpushed)[:, None]
     change = shift[groups.of]
     if model.scheme.straight:
-        arm = _arms(groups, mass[:nodes], places)
-        torque = groups.sums(jnp.cross(arm, defect[:nodes]))
-        spin = -_spins(_inertia(groups, system.shared_mass, mass[:nodes], arm), torque) * groups.alone[:, None]
-        change = change.at[:nodes].add(jnp.cross(spin[groups.of[:nodes]], arm))
+        arm = arms(groups, mass[:nodes], places)
+        torque = groups.sums(cross(arm, defect[:nodes]))
+        spin = -spins(_inertia(groups, system.shared_mass, mass[:nodes], arm), torque) * groups.alone[:, None]
+        change = change.at[:nodes].add(cross(groups.spread(spin, nodes), arm))
     moving = (system.free[:points] > 0)[:, None]
     return velocities.at[:points].add(jnp.where(moving, change, 0))
 
@@ -87,18 +86,11 @@ def kept(model: Model, system: System, places: Array, velocities: Array, impulse
 def turns_ahead(model: Model, params: Params, state: State, dt: Array) -> Array | None:
     """By how much each soft body will have turned as a whole at the end of a step, (bodies, 3, 3), where that is far.
 
-    Rotations of the start leave a turn's chord for its arc, that is a strain of half its square, which feeds energy to
-    a spin. Those of the end are known ahead for its rigid part, so a step stays linear. None where no body is loose,
-    and for schemes that know better.
+    See `rigid_part.py`. None where no body is loose, and for schemes that know better.
     """
     if model.drifting is None or not model.scheme.straight:
         return None
-    angle = _angles(model, params, state, dt)
-    square = jnp.sum(angle**2, -1, keepdims=True)
-    size = jnp.sqrt(jnp.where(square > 0, square, 1))
-    share = jnp.where(square > 0, jnp.clip(size / FAR - 1, 0, 1), 0)
-    turned: Array = quaternion_to_matrix(quaternion_from_rotation_vector(share * angle))
-    return turned
+    return rigid_part.turns_ahead(_angles(model, params, state, dt))
 
 
 def turning_status(model: Model, params: Params, state: State, dt: Array, status: Array) -> Array:
@@ -108,27 +100,14 @@ def turning_status(model: Model, params: Params, state: State, dt: Array, status
     """
     if model.drifting is None or not model.bodies:
         return status
-    params, state, dt = jax.lax.stop_gradient((params, state, dt))
-    size = jnp.linalg.norm(_angles(model, params, state, dt), axis=1)
-    codes = [turning_code(name) for name in model.bodies]
-    found = jnp.asarray(np.array(codes, np.int32))[jnp.argmax(size)]
-    return jnp.where(
-        (size.max() > TOO_FAR[model.scheme.straight]) & (status == int(Status.CONVERGED)), found, status
-    ).astype(jnp.int32)
-
-
-def turning_code(name: str) -> int:
-    """The status of a step in which the body `name` turns too far."""
-    return caused(Status.TURNED_TOO_FAR, f'"{name}", which gains energy by it: take a smaller time step')
+    angle = _angles(model, *jax.lax.stop_gradient((params, state, dt)))
+    return rigid_part.turning_status(model.bodies, model.scheme.straight, angle, status)
 
 
 def _angles(model: Model, params: Params, state: State, dt: Array) -> Array:
     """Rotation vectors (bodies, 3) of each soft body's turn as a whole in a step, zero where something holds it."""
-    groups = _soft_bodies(model)
-    mass = nodal_mass(model, params.density)[:, None]
-    arm, pace = (_arms(groups, mass, each) for each in (state.positions, state.velocities))
-    spin = _spins(_inertia(groups, None, mass, arm), groups.sums(mass * jnp.cross(arm, pace)))
-    return dt * spin * groups.loose[:, None]
+    groups, mass = _soft_bodies(model), nodal_mass(model, params.density)[:, None]
+    return rigid_part.angles(groups, mass, state.positions, state.velocities, dt) * groups.loose[:, None]
 
 
 def _soft_bodies(model: Model) -> _Groups:
@@ -150,8 +129,8 @@ def spin_loss(model: Model, params: Params, before: State, after: State, dt: Arr
     mass, shared = nodal_mass(model, params.density)[:, None], shared_mass(model, params.density)
     ends, noise = [], jnp.zeros(groups.number, mass.dtype)
     for state in (before, after):
-        arm = _arms(groups, mass, state.positions)
-        mean = _divided(groups.sums(mass * state.velocities), groups.sums(mass))
+        arm = arms(groups, mass, state.positions)
+        mean = divided(groups.sums(mass * state.velocities), groups.sums(mass))
         own = state.velocities - mean[groups.of]
         momentum = mass * own if shared is None else mass * own + shared.apply(own)
         size = groups.sums(jnp.linalg.norm(arm, axis=1, keepdims=True) * jnp.linalg.norm(momentum, axis=1)[:, None])
@@ -172,7 +151,7 @@ def _pushes(system: System, impulses: Impulses | None, points: int) -> tuple[Arr
     total = jnp.zeros((system.target.shape[0], 4), system.target.dtype)
     for name, rows in system.extra.items():
         assert impulses is not None
-        parts = jnp.einsum("mrk,mr->mk", rows.jacobian, impulses[name]).reshape(*rows.triples.shape, 3)
+        parts = contract("mrk,mr->mk", rows.jacobian, impulses[name]).reshape(*rows.triples.shape, 3)
         size = jnp.linalg.norm(jax.lax.stop_gradient(parts), axis=-1, keepdims=True)
         total = total.at[rows.triples].add(jnp.concatenate([parts, size], -1))
     return total[:points, :3], total[:points, 3]
@@ -190,40 +169,20 @@ def _groups(drifting: Drifting, push: Array, size: Array, tied: bool) -> _Groups
     groups = _Groups(jnp.where(touched, count + drifting.together, number)[body], 2 * count, *[drifting.loose] * 3)
     net = jnp.linalg.norm(groups.sums(jax.lax.stop_gradient(push)), axis=1)
     inner = net <= PUSHED[net.dtype.itemsize > 4] * groups.sums(size[:, None])[:, 0]
-    return groups._replace(free=drifting.loose * inner, alone=drifting.loose * drifting.soft * inner)
-
-
-def _arms(groups: _Groups, mass: Array, places: Array) -> Array:
-    """From the groups' centres of mass to their nodes, (n, 3)."""
-    centre = _divided(groups.sums(mass * places), groups.sums(mass))
-    return places - centre[groups.of[: places.shape[0]]]
+    return groups._replace(unpushed=drifting.loose * inner, alone=drifting.loose * drifting.soft * inner)
 
 
 def _inertia(groups: _Groups, shared: SharedMass | None, mass: Array, arm: Array) -> Array:
     """Inertia of each group about its centre of mass, (g, 3, 3)."""
-    axes = jnp.eye(3, dtype=arm.dtype)
-    turns = [jnp.cross(axis, arm) for axis in axes]  # velocities of turning about each axis
-    momenta = [mass * turn for turn in turns]
-    if shared is not None:
-        momenta = [own + shared.apply(turn) for own, turn in zip(momenta, turns, strict=True)]
-    products = jnp.stack([jnp.sum(a * b, -1) for a in turns for b in momenta], -1)
-    return groups.sums(products).reshape(-1, 3, 3)
-
-
-def _spins(inertia: Array, torque: Array) -> Array:
-    """inertia^-1 torque (g, 3), with next to nothing about axes that a body has no extent around."""
-    size = jnp.trace(inertia, axis1=1, axis2=2)[:, None, None]
-    axes = jnp.eye(3, dtype=inertia.dtype)
-    shifted = inertia + jnp.where(size > 0, 100 * jnp.finfo(size.dtype).eps * size, 1) * axes
-    found: Array = jnp.linalg.solve(shifted, torque[:, :, None])[:, :, 0]
-    return found
+    own = rigid_part.inertia(groups, mass, arm)
+    if shared is None:
+        return own
+    turns = [cross(axis[None], arm) for axis in jnp.eye(3, dtype=arm.dtype)]  # velocities of turning about each axis
+    products = jnp.stack([jnp.sum(a * shared.apply(b), -1) for a in turns for b in turns], -1)
+    return own + groups.sums(products).reshape(-1, 3, 3)
 
 
 def _along(vectors: Array, axes: Array) -> Array:
     """The parts of vectors (g, 3) along `axes` (g, 3) of any length."""
     square = jnp.sum(axes**2, -1, keepdims=True)
     return jnp.sum(vectors * axes, -1, keepdims=True) * axes / jnp.where(square > 0, square, 1)
-
-
-def _divided(values: Array, mass: Array) -> Array:
-    return values / jnp.where(mass > 0, mass, 1)

@@ -16,7 +16,7 @@ from jaxfem.model import Model
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.locks import Pulling
 from jaxfem.system.names import joint_name
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inverse_blocks
 
 Array = jax.Array
 
@@ -60,6 +60,6 @@ def _stiffness(
     for label, group in sorted(model.joints.items()):
         if joint_name(label) in pull and isinstance(group, Pulling):
             total = total + group.tension_stiffness(pull[joint_name(label)] / dt, at)
-    ratio = jnp.einsum("bij,bjk->bik", inverse_blocks(inertia), total)
+    ratio = contract("bij,bjk->bik", inverse_blocks(inertia), total)
     square = jnp.sum(ratio**2, (1, 2))
     return total, jnp.where(square > 0, dt**2 * jnp.sqrt(jnp.where(square > 0, square, 1)), 0)

@@ -22,7 +22,7 @@ from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.system.drag import dragged
 from jaxfem.system.memory import step_materials
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inner, inverse_blocks
 
 Array = jax.Array
 
@@ -167,10 +167,10 @@ def momentum_objective(system: System, unknown: Array) -> tuple[Array, Array]:
         total, impulses = total + energy, impulses + own
     if system.shared_mass is not None and system.before is not None:
         changed = velocities - system.before
-        total = total + 0.5 * jnp.vdot(changed, system.shared_mass.apply(changed))
+        total = total + 0.5 * inner(changed, system.shared_mass.apply(changed))
     if system.inertia is not None:
         spin = change[-system.inertia.shape[0] :]
-        total = total + 0.5 * jnp.einsum("bi,bij,bj->", spin, system.inertia, spin)
+        total = total + 0.5 * contract("bi,bij,bj->", spin, system.inertia, spin)
     return total, _left(system, unknown, velocities, impulses)
 
 
@@ -183,7 +183,7 @@ def _left(system: System, unknown: Array, velocities: Array, impulses: Array) ->
         residual = residual + system.shared_mass.apply(velocities - system.before)
     if system.inertia is not None:
         change = jnp.stack([velocities - system.target, unknown])[:, -system.inertia.shape[0] :]
-        spin = jnp.einsum("bij,sbj->sbi", system.inertia, change)
+        spin = contract("bij,sbj->sbi", system.inertia, change)
         angular = slice(-system.inertia.shape[0], None)
         residual, own = residual.at[angular].add(spin[0]), own.at[angular].add(spin[1])
     return jnp.where(system.free[:, None] > 0, residual, own)

@@ -126,7 +126,8 @@ def test_settings_are_read(folder):
     text = FIT.replace("[output]", extra).replace("[fit]", '[fit]\nframe = "all"\nend = "settled"\nsubsteps = 3')
     (folder / "full.toml").write_text(text)
     text = text.replace('"recording.csv"', '{ file = "r.csv", unit = "mm", rate = 100 }').replace(
-        "[fit]", '[fit]\nchecks = "warn"\nmulti_start = 8\nwindows = 3\nmax_memory = 0.5\nplaces = 1e-3'
+        "[fit]",
+        '[fit]\nchecks = "warn"\nmulti_start = 8\nwindows = 3\nmax_memory = 0.5\nplaces = 1e-3\nengine = "vmap"',
     )
     (folder / "full.toml").write_text(text)
     file = load_fit(folder / "full.toml")
@@ -134,7 +135,9 @@ def test_settings_are_read(folder):
     assert file.settings["checks"] == "warn"
     assert file.substeps == 3 and file.settings["starts"] == [{"young": 1e5}, {"young": 1e6}]
     assert file.settings["bounds"] == {"young": (1e3, 1e7)} and file.cutting["end"] == "settled"
-    assert {key: file.settings[key] for key in SEARCH_KEYS} == dict(zip(SEARCH_KEYS, (8, 0, 3, 0.5, 1e-3), strict=True))
+    assert {key: file.settings[key] for key in SEARCH_KEYS} == dict(
+        zip(SEARCH_KEYS, (8, 0, 3, 0.5, 1e-3, "vmap"), strict=True)
+    )
 
 
 WATCHED = """<script>

@@ -15,7 +15,8 @@ from jaxfem import sweeping
 from jaxfem.cli import sweep
 from jaxfem.cli.main import main
 from jaxfem.io import load_scene, sweep_files
-from jaxfem.sweeping.shards import read_manifest, read_shard, shard_path
+from jaxfem.solvers import Status
+from jaxfem.sweeping.shards import read_manifest, read_shard, shard_path, write_shard
 
 SCENE = """
 [time]
@@ -117,6 +118,35 @@ def test_files_of_another_sweep_are_not_mixed(files, tmp_path, capsys, monkeypat
     said = capsys.readouterr().err
     assert "of another sweep" in said and "--force" in said
     assert main(["sweep", str(path), "--force"]) == 3
+
+
+def test_a_sweep_of_which_every_variant_fails_says_so(files, capsys, monkeypatch):
+    """And of which some do not; the shards stand in for a computation."""
+    bad = 75
+
+    def made(source, folder, manifest, processes):
+        for number in range(manifest.shards):
+            own = manifest.members(number)
+            told = {name: np.zeros(len(own), int) for name in ("iterations", "residual", "inverted")}
+            told["status"] = np.where(own < bad, int(Status.ITERATION_LIMIT), 0)
+            write_shard(shard_path(folder, number), manifest, number, {"tip": own.astype(float)}, told)
+        return ""
+
+    monkeypatch.setattr(sweep, "_watched", made)
+    path = str(files())
+    assert main(["sweep", path]) == 3
+    said = capsys.readouterr()
+    assert "no variant converged" in said.err and "75: " in said.out and "results.csv" in said.out
+    bad = 74
+    assert main(["sweep", path, "--force"]) == 0 and not capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("key", "module"), [('table = "parquet"', "pyarrow"), ('arrays = "zarr"', "zarr")])
+def test_a_package_that_is_missing_is_told_before_anything_is_computed(files, capsys, monkeypatch, key, module):
+    monkeypatch.setitem(sys.modules, module, None)
+    path = files(SWEEP.replace("[output]", f"[output]\n{key}"))
+    assert main(["sweep", str(path)]) == 2 and module in capsys.readouterr().err
+    assert not (path.parent / "sweep_results").exists()
 
 
 def test_the_template_holds_every_key_and_can_be_run(tmp_path, monkeypatch):

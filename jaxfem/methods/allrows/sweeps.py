@@ -26,7 +26,7 @@ from jaxfem.solvers.box import Box
 from jaxfem.solvers.pgs import pgs_loop
 from jaxfem.system.coupled import apply_inverse_mass
 from jaxfem.system.soft import System
-from jaxfem.tensors import EIGENBASIS
+from jaxfem.tensors import EIGENBASIS, contract, matmul
 
 Array = jax.Array
 
@@ -117,7 +117,7 @@ def points_of(rows: Any) -> PointRows:
         return rows
     domains = rows.domains
     basis = jnp.asarray(EIGENBASIS[domains.rows], rows.bias.dtype)
-    turned = jnp.einsum("ije,rjk,ake->erai", rows.rotation, basis, domains.gradients)
+    turned = contract("ije,rjk,ake->erai", rows.rotation, basis, domains.gradients)
     jacobian = turned.reshape(*turned.shape[:2], -1)
     compliance = jnp.broadcast_to(rows.compliance, rows.bias.shape)
     return PointRows(domains.cells, jacobian, compliance.T, rows.bias.T, unknowns=rows.nodes)
@@ -131,12 +131,12 @@ def _sweep_blocks(blocks: _Blocks, lams: Array, velocities: Array, radius: Array
         lams, v = carry
         at, own = rows.triples[i], lams[i]
         if radius is not None:
-            excess = rows.jacobian[i] @ v[at].reshape(-1) + rows.compliance[i] * own - rows.bias[i]
+            excess = matmul(rows.jacobian[i], v[at].reshape(-1)) + rows.compliance[i] * own - rows.bias[i]
             new = into_disc((own - excess / jnp.max(blocks.diagonal[i]))[None], radius[i][None])[0]
-            v = v.at[at].add(jnp.einsum("r,rki->ki", new - own, blocks.response[i]))
+            v = v.at[at].add(contract("r,rki->ki", new - own, blocks.response[i]))
             return lams.at[i].set(new), v
         for r in range(own.shape[0]):
-            excess = rows.jacobian[i, r] @ v[at].reshape(-1) + rows.compliance[i, r] * own[r] - rows.bias[i, r]
+            excess = matmul(rows.jacobian[i, r], v[at].reshape(-1)) + rows.compliance[i, r] * own[r] - rows.bias[i, r]
             best = own[r] - excess / blocks.diagonal[i, r]
             if low is not None and up is not None:
                 best = jnp.clip(best, low[i, r], up[i, r])
@@ -156,7 +156,7 @@ def _blocks(rows: PointRows, inverse: tuple[Array, Array | None]) -> _Blocks:
     if turning is not None:
         first = rows.unknowns - turning.shape[0]
         own = jnp.where((rows.triples >= first)[:, :, None, None], turning[jnp.maximum(rows.triples - first, 0)], 0)
-        response = response + jnp.einsum("mkij,mrkj->mrki", own, parts)
+        response = response + contract("mkij,mrkj->mrki", own, parts)
     return _Blocks(rows, response, rows.diagonal(scalar, turning) + rows.compliance)
 
 

@@ -9,9 +9,9 @@ from jaxfem.batching import lanes_in_turn
 from jaxfem.methods.assembled import stiffness_blocks
 from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.groupwise.system import GroupSystem
-from jaxfem.methods.node_blocks import EXACT
 from jaxfem.model import Model
 from jaxfem.pytrees import Pytree
+from jaxfem.tensors import EXACT
 
 Array = jax.Array
 

@@ -19,12 +19,12 @@ from jaxfem.batching import cond_any, lanes_in_turn
 from jaxfem.methods.groupwise.matrices import Eliminated
 from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.groupwise.system import GroupSystem
-from jaxfem.methods.node_blocks import EXACT
 from jaxfem.pytrees import Pytree
 from jaxfem.rotation import nearest_rotation
 from jaxfem.solvers.implicit import or_nan
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo
+from jaxfem.tensors import EXACT
 
 Array = jax.Array
 SHARE = 0.5

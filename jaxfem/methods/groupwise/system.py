@@ -15,13 +15,13 @@ import jax.numpy as jnp
 from jaxfem.elements.tetra import tetra_gradient
 from jaxfem.methods.assembled import lame
 from jaxfem.methods.groupwise.plan import Groups
-from jaxfem.methods.node_blocks import EXACT, rounding_floor
+from jaxfem.methods.node_blocks import rounding_floor
 from jaxfem.model import Model, Params, State, element_constants, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
 from jaxfem.rotation import nearest_rotation
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.soft import external_force, prescribed_velocity
-from jaxfem.tensors import Matrix3, array_of, matrix_of, product, symmetric, times, transposed
+from jaxfem.tensors import EXACT, Matrix3, array_of, matrix_of, product, symmetric, times, transposed
 
 Array = jax.Array
 

@@ -18,6 +18,7 @@ from jaxfem.rows.elastic import ElasticRows, StepRows, turned_gradients
 from jaxfem.rows.lawful import LawRows, TangentRows
 from jaxfem.tensors import (
     array_of,
+    contract,
     cross_matrix,
     guarded_inverse,
     matrix_of,
@@ -42,7 +43,7 @@ class BlockMatrix(Pytree):
 
     def apply(self, vector: Array) -> Array:
         """Matrix times (n, 3). One small dense product a node: the form that XLA runs fastest on a CPU."""
-        multiplied = jnp.einsum("nik,nk->ni", self.blocks, taken(vector, self.neighbours))
+        multiplied = contract("nik,nk->ni", self.blocks, taken(vector, self.neighbours))
         return sum((factor.apply(vector) for factor in self.factors), start=multiplied)
 
     @property

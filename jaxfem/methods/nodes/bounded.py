@@ -34,7 +34,7 @@ from jaxfem.solvers.row_terms import RowTerms
 from jaxfem.solvers.semismooth import SHARPEST, minimize_with_rows
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.soft import System, inverse_mass, merged, momentum_gradient
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inner, inverse_blocks
 
 Array = jax.Array
 Pair = tuple[Array, Impulses]
@@ -137,7 +137,7 @@ def weakly_active(system: System, velocities: Array, impulses: Impulses) -> Arra
     scalar, blocks = inverse_mass(system)
     boxes = []
     diagonals = {name: rows.diagonal(scalar, blocks) + rows.compliance for name, rows in system.extra.items()}
-    square = jnp.vdot(system.target, system.mass[:, None] * system.target)
+    square = inner(system.target, system.mass[:, None] * system.target)
     for name, rows in system.extra.items():
         square = square + jnp.sum((rows.bias - rows.apply(system.target)) ** 2 / diagonals[name])
     tolerance = jnp.maximum(system.tolerance, jnp.finfo(velocities.dtype).eps)
@@ -218,7 +218,7 @@ class SolverOrder:
         if self.system.inertia is None:
             return matrix.apply
         split, blocks = self.pattern.order.shape[0], self.rigid_blocks
-        return lambda x: jnp.concatenate([matrix.apply(x[:split]), jnp.einsum("bij,bj->bi", blocks, x[split:])])
+        return lambda x: jnp.concatenate([matrix.apply(x[:split]), contract("bij,bj->bi", blocks, x[split:])])
 
     def placed(self, rows: PointRows) -> PointRows:
         """The rows on unknowns in solver order, without their hold on what does not move."""
@@ -238,7 +238,7 @@ def _preconditioner(
     correction, split = coarse_correction(group_modes(system), coarse), order.pattern.order.shape[0]
 
     def weighted(field: Array) -> Array:
-        return jnp.einsum("nij,nj->ni", diagonal[:split], field)
+        return contract("nij,nj->ni", diagonal[:split], field)
 
     def build(stiffness: tuple[Array, ...]) -> Any:
         smooth = smoother(diagonal, tuple(map(RowStiffness, rows, stiffness)))

@@ -7,7 +7,7 @@ from jaxfem.elements.domains import Clusters, Domains
 from jaxfem.elements.pattern import Pattern
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.elastic import cluster_arms
-from jaxfem.tensors import taken
+from jaxfem.tensors import contract, matmul, taken
 
 Array = jax.Array
 
@@ -26,7 +26,7 @@ class ClusterTerm(Pytree):
     def schur(self, inverse_blocks: Array) -> Array:
         """P B D^-1 B' P', (C, C), for a block diagonal D with inverse blocks (N, 3, 3)."""
         at = self.arms[self.touching]
-        products = jnp.einsum("nki,nij,nlj->nkl", at, inverse_blocks, at)
+        products = contract("nki,nij,nlj->nkl", at, inverse_blocks, at)
         owner = jnp.append(self.clusters.slot_cluster, 0)[self.touching]
         count = self.clusters.count
         return jnp.zeros((count, count), at.dtype).at[owner[:, :, None], owner[:, None]].add(products)
@@ -43,9 +43,9 @@ class Bend(Pytree):
     def apply(self, vector: Array, spots: Array, owners: Array) -> Array:
         """The term times (N, 3)."""
         slopes = self.rows.reshape(*spots.shape, 3)
-        gradient = jnp.einsum("dmi,dmj->dij", vector[spots], slopes)
-        stress = jnp.einsum("dab,db->da", self.matrix, gradient.reshape(-1, 9)).reshape(-1, 3, 3)
-        return jnp.einsum("nkj,nkij->ni", self.columns, stress[owners])
+        gradient = contract("dmi,dmj->dij", vector[spots], slopes)
+        stress = contract("dab,db->da", self.matrix, gradient.reshape(-1, 9)).reshape(-1, 3, 3)
+        return contract("nkj,nkij->ni", self.columns, stress[owners])
 
 
 class Factor(Pytree):
@@ -67,11 +67,11 @@ class Factor(Pytree):
 
     def divergence(self, vector: Array) -> Array:
         """B v: (N, 3) -> (D,)."""
-        return jnp.einsum("dk,dk->d", self.rows, taken(vector, self.spots))
+        return contract("dk,dk->d", self.rows, taken(vector, self.spots))
 
     def gradient(self, scalars: Array) -> Array:
         """B' s: (D,) -> (N, 3)."""
-        return jnp.einsum("nki,nk->ni", self.columns, scalars[self.owners])
+        return contract("nki,nk->ni", self.columns, scalars[self.owners])
 
     def apply(self, vector: Array) -> Array:
         """The term times (N, 3)."""
@@ -83,30 +83,30 @@ class Factor(Pytree):
         product = self.gradient(stress)
         if self.bend is not None:
             product = product + self.bend.apply(vector, self.spots, self.owners)
-        return product if self.spin is None else product + self._turned(vector)
+        return product if self.spin is None else product + self._turned(self.spin, vector)
 
-    def _turned(self, vector: Array) -> Array:
+    def _turned(self, spin: Array, vector: Array) -> Array:
         arms = self.rows.reshape(*self.spots.shape, 3)
         curl = jnp.sum(jnp.cross(arms, vector[self.spots]), axis=1)
-        torque = jnp.einsum("dij,dj->di", self.spin, curl)
+        torque = contract("dij,dj->di", spin, curl)
         return jnp.sum(jnp.cross(self.columns, torque[self.owners]), axis=1)
 
     @property
     def diagonal_blocks(self) -> Array:
         """(N, 3, 3), without the spin, the bend and clusters."""
-        return jnp.einsum("nki,nkj,nk->nij", self.columns, self.columns, self.weight[self.owners])
+        return contract("nki,nkj,nk->nij", self.columns, self.columns, self.weight[self.owners])
 
     def galerkin(self, modes: Array) -> Array:
         """Z' (B' W B) Z, (6 G, 6 G), for the modes (G, 3 size, 6) of node groups; without spin, bend and clusters."""
         flat = self.on_modes(modes)
-        return flat.T @ (self.weight[:, None] * flat)
+        return matmul(flat.T, self.weight[:, None] * flat)
 
     def on_modes(self, modes: Array) -> Array:
         """B Z, (D, 6 G)."""
         groups, size = modes.shape[0], modes.shape[1] // 3
         at = modes.reshape(groups * size, 3, 6)
         arms = self.rows.reshape(*self.spots.shape, 3)
-        parts = jnp.einsum("dai,dail->dal", arms, at[self.spots])
+        parts = contract("dai,dail->dal", arms, at[self.spots])
         domain = jnp.arange(self.spots.shape[0])[:, None]
         spread = jnp.zeros((self.spots.shape[0], groups, 6), parts.dtype).at[domain, self.spots // size].add(parts)
         return spread.reshape(self.spots.shape[0], 6 * groups)

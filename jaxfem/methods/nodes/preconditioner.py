@@ -9,7 +9,7 @@ from jaxfem.elements.pattern import Pattern
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.stiff import with_clusters
 from jaxfem.solvers.dense import dense_inverse
-from jaxfem.tensors import determinant, inverse_blocks, matrix_of
+from jaxfem.tensors import contract, determinant, inverse_blocks, matmul, matrix_of
 
 Array = jax.Array
 
@@ -37,7 +37,7 @@ def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array
 
 def _off_a_line(arm: Array) -> Array:
     """Whether arms (groups, size, 3) from their centres span more than a line: (groups, 1, 1)."""
-    spread = jnp.einsum("gai,gaj->gij", arm, arm)
+    spread = contract("gai,gaj->gij", arm, arm)
     trace = jnp.trace(spread, axis1=1, axis2=2)
     # Product of the moments of inertia, the sums of two principal spreads.
     inertia = trace[:, None, None] * jnp.eye(3, dtype=arm.dtype) - spread
@@ -56,8 +56,8 @@ def coarse_matrix(matrix: BlockMatrix, modes: Array) -> Array:
     width = matrix.neighbours.shape[1]
     gathered = at[matrix.neighbours].reshape(nodes, 3 * width, 6)
     spread = matrix.blocks.reshape(nodes, 3, width, 3).transpose(0, 2, 1, 3)
-    products = jnp.einsum("nvij,nvjk->nvik", spread, gathered.reshape(nodes, width, 3, 6))
-    blocks = jnp.einsum("nil,nvik->nvlk", at, products)
+    products = contract("nvij,nvjk->nvik", spread, gathered.reshape(nodes, width, 3, 6))
+    blocks = contract("nil,nvik->nvlk", at, products)
     owner = jnp.arange(nodes) // (nodes // groups)
     coarse = jnp.zeros((groups, groups, 6, 6), blocks.dtype).at[owner[:, None], owner[matrix.neighbours]].add(blocks)
     coarse = coarse.transpose(0, 2, 1, 3).reshape(6 * groups, 6 * groups)
@@ -87,7 +87,7 @@ def two_level(matrix: BlockMatrix, modes: Array, inverse: Array) -> Callable[[Ar
     coarse = coarse_correction(modes, inverse)
 
     def apply(residual: Array) -> Array:
-        return jnp.einsum("nij,nj->ni", blocks, residual) + coarse(residual)
+        return contract("nij,nj->ni", blocks, residual) + coarse(residual)
 
     precondition: Callable[[Array], Array] = apply
     for factor in matrix.factors:
@@ -100,8 +100,8 @@ def coarse_correction(modes: Array, inverse: Array) -> Callable[[Array], Array]:
     groups = modes.shape[0]
 
     def apply(residual: Array) -> Array:
-        restricted = jnp.einsum("gal,ga->gl", modes, residual.reshape(groups, -1))
-        coarse = (inverse @ restricted.reshape(-1)).reshape(groups, 6)
-        return jnp.einsum("gal,gl->ga", modes, coarse).reshape(residual.shape)
+        restricted = contract("gal,ga->gl", modes, residual.reshape(groups, -1))
+        coarse = matmul(inverse, restricted.reshape(-1)).reshape(groups, 6)
+        return contract("gal,gl->ga", modes, coarse).reshape(residual.shape)
 
     return apply

@@ -20,6 +20,7 @@ from jaxfem.methods.nodes.condensed import linearised, solve_linear
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.soft import System, merged, momentum_objective
+from jaxfem.tensors import inner
 
 Array = jax.Array
 Impulses = OrderedDict[str, Array]
@@ -135,7 +136,7 @@ def _accepted(s: _Search, there: _Point) -> Array:
     """
     change = there.energy - s.here.energy - s.length * s.work
     lower = change <= DESCENT * s.length * s.slope
-    beyond = jnp.vdot(there.gradient, s.direction) - s.work
+    beyond = inner(there.gradient, s.direction) - s.work
     calmer = (jnp.abs(beyond) <= CALMER * jnp.abs(s.slope)) & (there.size <= CALMER * s.here.size)
     return jnp.isfinite(there.size) & jnp.isfinite(there.energy) & (lower | calmer)
 
@@ -180,7 +181,7 @@ def _directed(system: System, coarse: Array, s: _Search) -> _Search:
         (found, info), towards = solve_linear(linear, coarse, -here.gradient, linear.floor), here.impulses
         direction = found * system.free[:, None]
     pushed = _pushed(system, towards)
-    work, slope = jnp.vdot(pushed, direction), jnp.vdot(here.gradient - pushed, direction)
+    work, slope = inner(pushed, direction), inner(here.gradient - pushed, direction)
     solved = (info.status == int(Status.CONVERGED)) | (info.status == int(Status.ITERATION_LIMIT))
     usable = solved & jnp.isfinite(direction).all() & (slope <= 0)
     # Where the tangent is of no use the same point is tried with one that is nearer to a definite one.

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 from jaxfem.methods.nodes.preconditioner import inverse_of_coarse
 from jaxfem.methods.nodes.row_stiffness import RowStiffness
 from jaxfem.pytrees import Pytree, static
+from jaxfem.tensors import contract, matmul
 
 Array = jax.Array
 
@@ -37,17 +38,17 @@ class CoarseSpace(Pytree):
 
     def correction(self, inverse: Array, residual: Array) -> Array:
         """Z inverse Z' r on fields (N, 3)."""
-        own = jnp.einsum("tij,ti->tj", self.basis, residual)
+        own = contract("tij,ti->tj", self.basis, residual)
         restricted = jnp.zeros((self.count, 6), own.dtype).at[self.owner].add(own)
-        found = (inverse @ restricted.reshape(-1)).reshape(self.count, 6)
-        return jnp.einsum("tij,tj->ti", self.basis, found[self.owner])
+        found = matmul(inverse, restricted.reshape(-1)).reshape(self.count, 6)
+        return contract("tij,tj->ti", self.basis, found[self.owner])
 
     def _added(self, coarse: Array, kind: RowStiffness) -> Array:
         rows = kind.rows
         m, r, _ = rows.jacobian.shape
         owner = self.owner[rows.triples]
-        seen = jnp.einsum("mrki,mkij->mrkj", rows.jacobian.reshape(m, r, -1, 3), self.basis[rows.triples])
-        blocks = jnp.einsum("mrki,mr,mrlj->mklij", seen, kind.stiffness, seen)
+        seen = contract("mrki,mkij->mrkj", rows.jacobian.reshape(m, r, -1, 3), self.basis[rows.triples])
+        blocks = contract("mrki,mr,mrlj->mklij", seen, kind.stiffness, seen)
         return coarse.at[owner[:, :, None], owner[:, None, :]].add(blocks)
 
 

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.dense import dense_inverse
-from jaxfem.tensors import inverse_blocks
+from jaxfem.tensors import contract, inverse_blocks, matmul
 
 Array = jax.Array
 
@@ -30,13 +30,13 @@ class RowStiffness(Pytree):
     def node_blocks(self) -> Array:
         """Diagonal 3x3 blocks of J' k J at each block's nodes, (m, k, 3, 3)."""
         parts = _parts(self.rows)
-        return jnp.einsum("mrai,mr,mraj->maij", parts, self.stiffness, parts)
+        return contract("mrai,mr,mraj->maij", parts, self.stiffness, parts)
 
 
 def local_compliance(rows: PointRows, inverse: Array) -> Array:
     """What a unit impulse on each row moves it by, its nodes taken alone: sum_a J_a D_a^-1 J_a', (m, r)."""
     parts = _parts(rows)
-    return jnp.einsum("mrai,maij,mraj->mr", parts, inverse[rows.triples], parts)
+    return contract("mrai,maij,mraj->mr", parts, inverse[rows.triples], parts)
 
 
 def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -> Callable[[Array], Array]:
@@ -50,7 +50,7 @@ def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -
     def apply(x: Array) -> Array:
         product = matvec(x)
         if single:
-            product = product + jnp.einsum("nij,nj->ni", blocks, x)
+            product = product + contract("nij,nj->ni", blocks, x)
         for kind in several:
             product = product + kind.rows.apply_transpose(kind.stiffness * kind.rows.apply(x))
         return product
@@ -74,7 +74,7 @@ def smoother(diagonal: Array, kinds: Sequence[RowStiffness]) -> Callable[[Array]
     inverse = inverse_blocks(blocks)
 
     def simple(residual: Array) -> Array:
-        return jnp.einsum("nij,nj->ni", inverse, residual)
+        return contract("nij,nj->ni", inverse, residual)
 
     return _with_rows(simple, inverse, several) if exact else simple
 
@@ -91,7 +91,7 @@ def _with_rows(
     def apply(residual: Array) -> Array:
         first = simple(residual)
         seen = [(root * kind.rows.apply(first)).ravel() for root, kind in zip(roots, kinds, strict=True)]
-        solved, pushed, at = middle @ jnp.concatenate(seen), jnp.zeros_like(residual), 0
+        solved, pushed, at = matmul(middle, jnp.concatenate(seen)), jnp.zeros_like(residual), 0
         for root, kind, size in zip(roots, kinds, sizes, strict=True):
             pushed = pushed + kind.rows.apply_transpose(root * solved[at : at + size].reshape(root.shape))
             at += size
@@ -114,7 +114,7 @@ def _row_matrix(inverse: Array, kinds: Sequence[RowStiffness], roots: Sequence[A
         at = jnp.repeat(rows.triples, r, axis=0)
         weights = (rows.jacobian * root[:, :, None]).reshape(m * r, -1, 3)
         field = jnp.zeros((m * r, count, 3), weights.dtype).at[jnp.arange(m * r)[:, None], at].add(weights)
-        columns.append(jnp.einsum("nij,mnj->mni", own, field))
+        columns.append(contract("nij,mnj->mni", own, field))
     fields = jnp.concatenate(columns)
     made = [
         jax.vmap(lambda field, rows=rows, root=root: (root * rows.apply(field)).ravel())(fields)

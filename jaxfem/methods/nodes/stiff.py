@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.methods.nodes.factors import Factor
 from jaxfem.solvers.dense import dense_inverse
+from jaxfem.tensors import matmul
 
 Array = jax.Array
 Operator = Callable[[Array], Array]
@@ -26,12 +27,12 @@ def with_clusters(precondition: Operator, factor: Factor, blocks: Array, modes: 
     on_modes = factor.on_modes(modes)
     means = jnp.zeros((clusters.count, on_modes.shape[1]), dtype)
     means = means.at[clusters.owner].add(clusters.shares[:, None] * on_modes)
-    compliance = jnp.diag(1 / shared.weight) + shared.schur(blocks) + means @ inverse @ means.T
+    compliance = jnp.diag(1 / shared.weight) + shared.schur(blocks) + matmul(matmul(means, inverse), means.T)
     stiffness = dense_inverse(compliance)
     stiffness = jnp.where(jnp.isfinite(stiffness).all(), stiffness, 0.0)
 
     def apply(residual: Array) -> Array:
-        pressures = stiffness @ clusters.mean(factor.divergence(precondition(residual)))
+        pressures = matmul(stiffness, clusters.mean(factor.divergence(precondition(residual))))
         return precondition(residual - factor.gradient(clusters.spread(pressures)))
 
     return apply

@@ -20,6 +20,7 @@ from jaxfem.inputs import Sources, TableLike, inputs_of, read_fields
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
 from jaxfem.rigid.shapes.outline import Outline, block, level_surface
+from jaxfem.tensors import inner
 
 Array = jax.Array
 MassProperties = tuple[float, np.ndarray, np.ndarray]
@@ -168,7 +169,7 @@ def obstacles() -> list[type[Shape]]:
 
 def length(vector: Array) -> Array:
     """Euclidean norm, with derivative zero at the origin."""
-    square = jnp.vdot(vector, vector)
+    square = inner(vector, vector)
     return jnp.where(square > 0, jnp.sqrt(jnp.where(square > 0, square, 1)), 0)
 
 

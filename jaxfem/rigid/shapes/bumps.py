@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rigid.shapes.nearest import square_distances
+from jaxfem.tensors import inner, matmul
 
 Array = jax.Array
 
@@ -39,8 +40,8 @@ class NearFaces(Pytree):
         triangles = self._triangles(jax.lax.stop_gradient(point), spacing)
         squares = square_distances(jnp, *jax.lax.stop_gradient((point, triangles)))[0]
         nearest = triangles[jnp.argmin(squares)]
-        way = point - square_distances(jnp, point, nearest)[1] @ nearest
-        square = jnp.vdot(way, way)
+        way = point - matmul(square_distances(jnp, point, nearest)[1], nearest)
+        square = inner(way, way)
         near = (square > 0) & (square < (self.window * spacing.min()) ** 2)
         length = jnp.sqrt(jnp.where(near, square, 1))
         return jnp.where(near, jnp.where(above < 0, -length, length), self.ground.distance(point))

@@ -13,6 +13,7 @@ from jaxfem.pytrees import static
 from jaxfem.rigid.shapes.base import Shape
 from jaxfem.rigid.shapes.bumps import LEVEL, NearFaces, creases, ridge_points, ridges
 from jaxfem.rigid.shapes.outline import Outline, gridded
+from jaxfem.tensors import inner
 
 Array = jax.Array
 
@@ -27,7 +28,7 @@ class Plane(Shape, word="plane", leading="normal"):
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
         normal = jnp.asarray(self.normal)
-        return jnp.vdot(point - jnp.asarray(self.point), normal / jnp.linalg.norm(normal))
+        return inner(point - jnp.asarray(self.point), normal / jnp.linalg.norm(normal))
 
     def outline(self, box: np.ndarray) -> Outline:
         """A square under the middle of the box, as wide as that is long."""
@@ -57,7 +58,7 @@ class HeightField(Shape, word="heights"):
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m], to first order."""
         height, slope = self.ground(point[:2])
-        return (point[2] - height) / jnp.sqrt(1 + jnp.vdot(slope, slope))
+        return (point[2] - height) / jnp.sqrt(1 + inner(slope, slope))
 
     def measured(self, reach: float = 0.0) -> Any:
         """Itself for points; for balls the distance of the faces around."""

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.pytrees import Pytree
+from jaxfem.tensors import inner, matmul
 
 Array = jax.Array
 
@@ -53,8 +54,8 @@ def distance_to(point: Array, corners: Array, normals: Array) -> Array:
     """Signed distance of a point (3,) from one triangle (3, 3), by the normals (7, 3) of its features."""
     _, weights, feature = square_distances(jnp, point, corners)
     normal = normals[jax.lax.stop_gradient(feature)]
-    way = point - weights @ corners
-    height, square = jnp.vdot(normal, way), jnp.vdot(way, way)
+    way = point - matmul(weights, corners)
+    height, square = inner(normal, way), inner(way, way)
     least = TOUCHING**2 * jnp.sum((corners[1] - corners[0]) ** 2)
     beside = (feature > 0) & (square > least)
     length = jnp.sqrt(jnp.where(beside, square, 1))

@@ -26,8 +26,8 @@ class Body(Pytree):
     rectangles, `touch_back` (n,): where each node is in them. `around` (nf, 4): elements around each free node.
     `frequencies` (m, 1) squared and `shapes` (3 nf, m), in single precision, of the modes at rest of the `stiffness`
     and `density` () that a lane's are compared with, and of a `bulk` () 3K / 2 mu; `complete`: whether they are all, so
-    that nothing is needed beside them. `sure` (): true, which the compiler does not know. `loose`: which bodies nothing
-    holds, None without such.
+    that nothing is needed beside them. `sure` (): true, which the compiler does not know; None on accelerators, which
+    need no fences. `loose`: which bodies nothing holds, None without such.
     """
 
     corners: Array
@@ -44,7 +44,7 @@ class Body(Pytree):
     stiffness: Array
     density: Array
     bulk: Array
-    sure: Array
+    sure: Array | None
     loose: Loose | None
     free: int = static()
     complete: bool = static()
@@ -53,8 +53,10 @@ class Body(Pytree):
         """`values()`, computed once and stored.
 
         XLA's CPU fusion repeats what is cheap for each of its readers, without bound, and drops `optimization_barrier`
-        before it fuses. It does not look across a branch, which costs 0.2 us.
+        before it fuses. It does not look across a branch, which costs 0.2 us; on accelerators far more.
         """
+        if self.sure is None:
+            return values()
         made = jax.eval_shape(values)
         return jax.lax.cond(self.sure, values, lambda: jax.tree.map(lambda x: jnp.zeros(x.shape, x.dtype), made))
 
@@ -104,11 +106,16 @@ def body_of(model: Model, params: Params) -> Body:
         stiffness=on_device(shear, dtype),
         density=on_device(density, dtype),
         bulk=on_device(float((volumetric * volumes).sum() / (deviatoric * volumes).sum()), dtype),
-        sure=jnp.bool_(True),
+        sure=jnp.bool_(True) if _on_cpu(model) else None,
         loose=loose_of(model, order),
         free=count,
         complete=3 * count <= ALL,
     )
+
+
+def _on_cpu(model: Model) -> bool:
+    """Where its arrays are."""
+    return {device.platform for device in model.rest.devices()} == {"cpu"}
 
 
 def padded(owner: np.ndarray, item: np.ndarray, rows: int, pad: int) -> list[np.ndarray]:

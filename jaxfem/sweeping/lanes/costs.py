@@ -20,6 +20,7 @@ from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.increments import Lane
 from jaxfem.sweeping.lanes.run import Values
 from jaxfem.sweeping.lanes.steps import lane_of
+from jaxfem.tensors import matmul
 
 Array = jax.Array
 AT_ONCE = 32  # variants looked at together
@@ -48,7 +49,7 @@ def _deformation(model: Model, body: Body, params: Params, state: State, lane: L
     density = lane.density * body.density
 
     def modal(field: Array) -> Array:
-        return body.shapes.T @ field[: body.free].reshape(-1).astype(body.shapes.dtype)
+        return matmul(body.shapes.T, field[: body.free].reshape(-1).astype(body.shapes.dtype))
 
     force = lane.weight + load_force(model.loads, params.loads, state.positions)[body.order]
     share = lane.mass / density

@@ -1,5 +1,6 @@
 """Derivatives of a chunk of lanes: forwards beside the steps, or backwards through their states."""
 
+from collections.abc import Callable
 from typing import Any
 
 import jax
@@ -10,8 +11,8 @@ from jaxfem.solvers.differentiation import recomputed
 from jaxfem.sweeping.derivatives import floating, forwards, jacobians, units
 from jaxfem.sweeping.engines.base import Kept, Task
 from jaxfem.sweeping.lanes.body import Body
-from jaxfem.sweeping.lanes.run import Values, begin, blank, ended, frames, keep, one, worse
-from jaxfem.sweeping.lanes.steps import Told
+from jaxfem.sweeping.lanes.run import Begun, Values, begin, blank, ended, frames, keep, one, worse
+from jaxfem.sweeping.lanes.steps import Moving, Told
 
 Array = jax.Array
 Floats = list[Array]
@@ -38,21 +39,14 @@ def _forwards(task: Task, parts: Any, body: Body, values: Values, varied: Values
 
     def start(varied: Values) -> tuple[Floats, Floats]:
         made = begin(task, model, parts, body, {**values, **varied})
-        return _floats(made), _floats(made.at)
+        return floats_of(made), floats_of(made.at)
 
-    constants, directions = _floats(begun), units(varied, LANES)
-    own, first = jax.lax.map(jax.linearize(start, varied)[1], directions)
+    own, first = jax.lax.map(jax.linearize(start, varied)[1], units(varied, LANES))
+    constants, taken = floats_of(begun), changing(model, body, begun, own)
 
     def inner(carry: Any, _: None) -> tuple[Any, None]:
         at, worst, moving = carry
-
-        def step(constants: Floats, floats: Floats) -> tuple[Floats, Array, Told]:
-            following, now = one(model, body, _with(begun, constants), _with(at, floats))
-            return _floats(following), following.failed, now
-
-        (floats, failed, now), push = jax.linearize(step, constants, _floats(at))
-        moving = jax.lax.map(lambda each: push(*each)[0], (own, moving))
-        at = _with(at, floats).replace(failed=failed)
+        at, now, moving = taken(at, moving)
         return (at, worse(worst, now), moving), None
 
     def frame(carry: Any, _: None) -> Any:
@@ -63,13 +57,30 @@ def _forwards(task: Task, parts: Any, body: Body, values: Values, varied: Values
     _, (saved, infos, moving) = jax.lax.scan(frame, (begun.at, first), None, length=task.steps // task.every)
 
     def kept(constants: Floats, floats: Floats) -> Any:
-        outputs, told = keep(task, model, body, _with(begun, constants), _with(saved, floats), infos)
+        outputs, told = keep(task, model, body, with_floats(begun, constants), with_floats(saved, floats), infos)
         return floating(outputs), outputs, told
 
-    (_, outputs, told), push = jax.linearize(kept, constants, _floats(saved))
+    (_, outputs, told), push = jax.linearize(kept, constants, floats_of(saved))
     moving = [jnp.moveaxis(each, 0, 1) for each in moving]
     changes = jax.lax.map(lambda each: push(*each)[0], (own, moving))
     return {**outputs, **jacobians(changes, varied, LANES, back=False)}, told
+
+
+def changing(model: Model, body: Body, begun: Begun, own: Floats) -> Callable[[Moving, Floats], Any]:
+    """A step of (at, its changes), with what is told of it between: (at, told, changes), along each of the directions
+    that `own` has of the floats of `begun`."""
+    constants = floats_of(begun)
+
+    def taken(at: Moving, moving: Floats) -> tuple[Moving, Told, Floats]:
+        def step(constants: Floats, floats: Floats) -> tuple[Floats, Array, Told]:
+            following, now = one(model, body, with_floats(begun, constants), with_floats(at, floats))
+            return floats_of(following), following.failed, now
+
+        (floats, failed, now), push = jax.linearize(step, constants, floats_of(at))
+        moving = jax.lax.map(lambda each: push(*each)[0], (own, moving))
+        return with_floats(at, floats).replace(failed=failed), now, moving
+
+    return taken
 
 
 def _backwards(task: Task, parts: Any, body: Body, values: Values, varied: Values) -> Kept:
@@ -86,12 +97,12 @@ def _backwards(task: Task, parts: Any, body: Body, values: Values, varied: Value
     return {**outputs, **jacobians(changes, small, LANES, back=True)}, told
 
 
-def _floats(tree: Any) -> Floats:
+def floats_of(tree: Any) -> Floats:
     """Leaves that can have derivatives."""
     return [leaf for leaf in jax.tree.leaves(tree) if _is_float(leaf)]
 
 
-def _with(tree: Any, floats: Floats) -> Any:
+def with_floats(tree: Any, floats: Floats) -> Any:
     """The tree with those leaves."""
     leaves, structure = jax.tree.flatten(tree)
     given = iter(floats)

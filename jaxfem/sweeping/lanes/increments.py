@@ -16,7 +16,6 @@ from jaxfem.solvers.differentiation import solved
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.force import Strained, elastic_force
 from jaxfem.sweeping.lanes.kernels import CYCLES, diagonal_blocks, inverses, pairing, strain_force, tied, times
-from jaxfem.sweeping.lanes.momentum import of_elements, of_nodes
 from jaxfem.sweeping.lanes.solve import SINGLE, Linear, Outcome, modal, norm, refined, solve
 
 Array = jax.Array
@@ -111,12 +110,12 @@ def _turned_on(body: Body, frames: Frames, equation: Equation) -> tuple[Array, A
     base, ahead = equation.stage.base, equation.ahead
     if body.loose is None or frames.ahead is None or ahead is None:
         return base, None
-    turned = of_nodes(body.loose, frames.ahead)
+    turned = body.loose.spread(frames.ahead)
     base = sum((turned[:, :, j] * base[:, None, j] for j in (1, 2)), turned[:, :, 0] * base[:, None, 0])
     # ahead frames' is 1, and its change is skew of the spin; not fenced, which would be one more thing to transpose.
     turn = (ahead[:, :, None] * frames.ahead[:, None]).sum(3)
     spin = 0.5 * jnp.stack([turn[:, j, i] - turn[:, i, j] for i, j in CYCLES], 1)
-    every = of_elements(body.loose, spin)
+    every = body.loose.of_elements(spin)
     return base, jnp.broadcast_to(every, (len(body.corners), *every.shape[1:]))
 
 

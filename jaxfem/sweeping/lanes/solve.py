@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.pytrees import Pytree
 from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.kernels import AXES
+from jaxfem.tensors import matmul
 
 Array = jax.Array
 Linear = Callable[[Array], Array]
@@ -42,7 +43,8 @@ def modal(body: Body, r: Array, scale: Array, density: Array) -> Linear:
 
     def apply(x: Array) -> Array:
         turned = body.fence(lambda: jnp.asarray(sum(q[:, i] * x[:, i, None] for i in AXES), weight.dtype))
-        back = (body.shapes @ (weight * (body.shapes.T @ turned.reshape(len(body.shapes), -1)))).reshape(x.shape)
+        inside = weight * matmul(body.shapes.T, turned.reshape(len(body.shapes), -1))
+        back = matmul(body.shapes, inside).reshape(x.shape)
         found: Array = body.fence(lambda: sum(q[:, :, j] * back[:, j, None].astype(x.dtype) for j in AXES))
         return found
 

@@ -22,10 +22,11 @@ from jaxfem.sweeping.lanes.body import Body
 from jaxfem.sweeping.lanes.bounded import increment_with_rows
 from jaxfem.sweeping.lanes.increments import Effort, Equation, Frames, Lane, increment, inertia
 from jaxfem.sweeping.lanes.kernels import determinant, pairing, product, rotation, turned_gradients
-from jaxfem.sweeping.lanes.momentum import angles, kept, of_elements, turning_status, turns_ahead
+from jaxfem.sweeping.lanes.loose import angles, kept
 from jaxfem.sweeping.lanes.solve import Outcome, norm
 from jaxfem.system.carry import _sum
 from jaxfem.system.drag import nodal_drag
+from jaxfem.system.rigid_part import turning_status, turns_ahead
 from jaxfem.system.soft import System, prescribed_velocity
 
 Array = jax.Array
@@ -125,7 +126,7 @@ def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: A
     ended, now = _ended(model, body, at, dt, free, v, impulses, outcome, inverted, impact)
     # As elsewhere, a step that turned too far or gave way is taken, and has the status.
     status = now.status if beside is None else judged(model, body, params, beside, at, ended, dt, now.status)
-    status = status if angle is None else turning_status(model, angle, status)
+    status = status if angle is None else turning_status(model.bodies, model.scheme.straight, angle, status)
     status = jnp.where(at.failed == 0, status, now.status)
     return ended.replace(failed=status), now.replace(status=status)
 
@@ -179,7 +180,7 @@ def _frames(body: Body, r: Array, ahead: Array | None) -> Frames:
     if ahead is None or body.loose is None:
         return Frames(r, turned_gradients(body, r), None)
     held = jax.lax.stop_gradient(ahead)
-    r = product(body, of_elements(body.loose, held), r)
+    r = product(body, body.loose.of_elements(held), r)
     return Frames(r, turned_gradients(body, r), held)
 
 
