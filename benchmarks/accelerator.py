@@ -19,12 +19,12 @@ import jaxfem as jf
 from jaxfem import sweeping
 
 SIZES = {"192": (4, 2, 2), "576": (12, 2, 2), "2304": (12, 4, 4)}
-COUNTS = {"192": (64, 1024, 16384), "576": (64, 1024, 8192), "2304": (64, 1024)}
+COUNTS = {"192": (64, 1024, 16384), "576": (64, 1024, 6144), "2304": (64, 1024)}
 CUBES = (6, 10, 16, 25, 39)
 DT, STEPS = 1e-2, 20
 EXACT = np.geomspace(2.6e4, 2.6e6, 8)
 ON_PROCESSOR = 64  # variants there
-MOST = {"lanes": 16384, "vmap": 1024}  # variants side by side: more of the latter take too long
+SIDE_BY_SIDE = {"192": 1024, "576": 1024, "2304": 256}  # variants of `vmap`
 
 
 def beam(cells, dtype, **options):
@@ -72,6 +72,18 @@ def stepped(cells, dtype, steps, repeats) -> dict:
     return figures | {"status": int(info.status.max()), "elements": model.elements.count, "method": model.method.name}
 
 
+def plot(figures, places, folder):
+    """A line a precision and place: milliseconds a step against elements."""
+    lines = {}
+    for bits in ("float32", "float64"):
+        for where in places:
+            rows = [
+                each for key, each in figures.items() if key.startswith("steps ") and key.endswith(f"{bits} {where}")
+            ]
+            lines[f"{bits}, {where}"] = [each["elements"] for each in rows], [each["ms_per_step"] for each in rows]
+    line_plot(folder / "accelerator.png", lines, "elements", "ms a step")
+
+
 def main():
     options = arguments(__doc__)
     jax.config.update("jax_enable_x64", True)
@@ -99,27 +111,14 @@ def main():
     for size in sizes:
         for bits in ("float32", "float64"):
             for where, place in places.items():
-                for engine, most in MOST.items():
-                    counts = (ON_PROCESSOR,) if place else COUNTS[size][: 2 if options.quick else None]
-                    for count in (each for each in counts if each <= most):
-                        given = SIZES[size], np.dtype(bits), count, engine, references[size], repeats
-                        note(f"sweeps {size} {bits} {where} {engine} {count}", swept, *given, place=place)
+                wide = [("lanes", count) for count in COUNTS[size]] + [("vmap", SIDE_BY_SIDE[size])]
+                for engine, count in [("lanes", ON_PROCESSOR)] if place else wide:
+                    given = SIZES[size], np.dtype(bits), count, engine, references[size], repeats
+                    note(f"sweeps {size} {bits} {where} {engine} {count}", swept, *given, place=place)
             given = SIZES[size], np.dtype(bits), 1024, "lanes", references[size], repeats
             note(f"slopes {size} {bits} lanes 1024", swept, *given, slopes=("young",))
     if options.out:
-        lines = {
-            f"{bits} {where}": ([each["elements"] for each in rows], [each["ms_per_step"] for each in rows])
-            for bits in ("float32", "float64")
-            for where in places
-            if (
-                rows := [
-                    each
-                    for key, each in figures.items()
-                    if key.startswith("steps ") and key.endswith(f"{bits} {where}")
-                ]
-            )
-        }
-        line_plot(options.out / "accelerator.png", lines, "elements", "ms a step")
+        plot(figures, places, options.out)
     finish("accelerator", figures, options.out)
 
 

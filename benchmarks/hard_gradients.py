@@ -4,7 +4,8 @@ Some of the nastiest scenes, each a scalar of one number: forward derivative, re
 differences of several sizes in double precision. "right": it is that of the differences to 1e-6; "as near as
 differences settle": to twice that to which three sizes in a row agree, which rounding makes more; where none agree to
 1 %, forwards and backwards can only be compared with each other. Else `info` must say so ("flagged: ..."), as where
-that from above is another than that from below; or "SILENT".
+that from above is another than that from below, and where `info.residual` stays above the tolerance asked: values are
+known to no more then. Or "SILENT".
 Results: hard_gradients.json; the table is in docs/derivatives.md.
 """
 
@@ -33,6 +34,8 @@ from report import BEGUN, save  # noqa: E402
 SIZES = (1e-3, 3e-4, 1e-4, 3e-5, 1e-5, 3e-6, 1e-6)
 """Of central differences, as shares of the number's own scale."""
 NEAR = 1e-6
+RESIDUAL = 10.0
+"""Times the tolerance asked: a residual above says that rounding ended a solve, and values are known to no more."""
 KINK = 0.01
 """Share by which derivatives from above and below differ where there is none."""
 
@@ -76,6 +79,7 @@ def measured(problem: Problem) -> dict[str, Any]:
     line["reverse_off"] = abs(backward / forward - 1) if forward else abs(backward)
     line["status"] = sorted({int(each) for each in np.asarray(info.status).ravel()})
     line["weakly_active"] = int(np.asarray(info.weakly_active).sum())
+    line["residual"], line["tolerance"] = float(np.asarray(info.residual).max()), problem.tolerance
     return line | {"outcome": outcome(line)}
 
 
@@ -91,6 +95,9 @@ def outcome(line: dict[str, Any]) -> str:
         return f"flagged: info.weakly_active = {line['weakly_active']}"
     if not np.isfinite(line["derivative"]):
         return "flagged: not finite"
+    rounded = line["residual"] > RESIDUAL * line["tolerance"]
+    if rounded and line["spread"] > NEAR and line["reverse_off"] <= NEAR:
+        return f"flagged: info.residual = {line['residual']:.0e} where {line['tolerance']:.0e} was asked"
     if line["spread"] > KINK and line["reverse_off"] <= NEAR:
         return "forwards as backwards; differences do not settle"
     if sides > KINK:

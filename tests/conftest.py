@@ -9,6 +9,7 @@ import pathlib
 os.environ.setdefault("MPLBACKEND", "Agg")
 
 import jax
+import long
 import programs
 import pytest
 
@@ -30,6 +31,14 @@ def pytest_configure(config):
     # Tracing makes millions of objects that live on: looking through them for rubbish took a sixteenth of all time.
     gc.freeze()
     gc.set_threshold(100_000, 20, 50)
+
+
+def pytest_collection_modifyitems(items):
+    """Those that were measured to take long are slow, too."""
+    names = long.listed()
+    for item in items:
+        if item.nodeid in names:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.hookimpl(optionalhook=True)

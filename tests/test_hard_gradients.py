@@ -13,7 +13,7 @@ import hard_gradients  # noqa: E402
 from hard.gradient_cases import CASES  # noqa: E402
 
 LINE = {"above": 1.0, "below": 1.0, "off": 1e-9, "reverse_off": 1e-9, "spread": 1e-9, "status": [0]}
-LINE |= {"weakly_active": 0, "derivative": 1.0}
+LINE |= {"weakly_active": 0, "derivative": 1.0, "residual": 1e-12, "tolerance": 1e-13}
 
 
 @pytest.mark.parametrize(
@@ -26,6 +26,8 @@ LINE |= {"weakly_active": 0, "derivative": 1.0}
         ({"below": 0.0}, "SILENT: other from above than from below"),
         ({"below": 0.0, "weakly_active": 2}, "flagged: info.weakly_active = 2"),
         ({"off": 1e-3, "status": [0, 7]}, "flagged: status 7"),
+        ({"off": 1.0, "spread": 0.5, "residual": 1e-9}, "flagged: info.residual = 1e-09 where 1e-13 was asked"),
+        ({"off": 1.0, "spread": 1e-9, "residual": 1e-9}, "SILENT"),
         ({"off": 1.0, "below": 0.5, "spread": 0.5}, "forwards as backwards; differences do not settle"),
         ({"off": 3.0, "spread": 0.5, "reverse_off": 0.1}, "SILENT"),
     ],

@@ -21,7 +21,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults, leap_faults
+from jaxfem.fitting.start_checks import again_faults, bounce_faults, camera_faults, late_faults, leap_faults
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
@@ -69,17 +69,33 @@ def written_faults(
 
 
 def looked_through(
-    recording: Recording, markers: Markers, nominal: np.ndarray, model: Model, begin: float, end: float
+    recording: Recording,
+    markers: Markers,
+    nominal: np.ndarray,
+    model: Model,
+    params: Params,
+    frame: str,
+    within: tuple[float, float],
 ) -> tuple[list[str], list[str]]:
-    """(faults, notes) of the course of the motion from `begin` to `end` [s], where the body is held or rigid."""
-    rows = (recording.times >= begin) & (recording.times <= end)
+    """(faults, notes) of the course of the motion `within` two times [s], where the body is held, rigid, or falls."""
+    rows = (recording.times >= within[0]) & (recording.times <= within[1])
     if rows.sum() < 2:
         return [], []
     part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
     if not is_held(model):
-        return rigid_faults(part, carried(markers)), []
+        faults = rigid_faults(part, carried(markers))
+        return [*faults, *bounce_faults(part, alone(model, params, frame))], []
     held = np.asarray(model.rest)[np.asarray(model.free) == 0]
     return course_faults(part, nominal, held.mean(axis=0), not model.has_memory)
+
+
+def alone(model: Model, params: Params, frame: str) -> np.ndarray:
+    """Gravity (3,) [m/s^2] in the frame of a recording where nothing else drives the scene; zeros else, and where the
+    frame is not known."""
+    driven = bool(model.driven) or bool(model.joints) or any(np.asarray(value).any() for value in params.loads)
+    if model.rigid is not None:
+        driven = driven or bool(np.asarray(model.rigid.driven).size)
+    return np.zeros(3) if driven or frame != "none" else np.asarray(params.gravity, np.float64)
 
 
 def load_acceleration(model: Model, params: Params, state: State) -> float | None:

@@ -17,9 +17,9 @@ Found = tuple[Array, Outcome]
 Linear = tuple[Array, Array, Outcome]
 AUTO = "auto"
 LANES, MOST = 8, 32  # points a chunk: a multiple of the first, at most the second
-PAYS = 60_000
-"""Elements times steps times starts, from which on a fit with some ten Jacobians saves more time than its programs take
-longer to compile (10 to 20 s)."""
+PAYS = 150_000
+"""Elements times steps, and twice that for each further start, from which on a fit with some five Jacobians a start
+saves more time than its programs take longer to compile (10 to 20 s)."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -121,5 +121,7 @@ def _slower(simulated: Simulated, starts: int) -> str | None:
     for problem, plan in simulated:
         if found := SWEEPS[LanesLast.name].made().slower(lanes.task_of(problem, plan)):
             return str(found)
-    work = sum(problem.model.elements.count * plan.frames * plan.every for problem, plan in simulated) * (1 + starts)
+    work = sum(problem.model.elements.count * plan.frames * plan.every for problem, plan in simulated) * (
+        1 + 2 * starts
+    )
     return "takes longer to compile than it saves in a fit as short as this" if work < PAYS else None

@@ -9,7 +9,6 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
-import numpy as np
 
 from jaxfem.fitting.objective import (
     Outcome,
@@ -19,9 +18,8 @@ from jaxfem.fitting.objective import (
     frames_needed,
     keeping,
     scene_at,
-    shift_of,
+    simulated,
 )
-from jaxfem.fitting.unknowns import DELAY
 from jaxfem.model import Model, Params, State
 from jaxfem.sweeping.engines.base import Task
 from jaxfem.sweeping.lanes.body import Body
@@ -84,15 +82,9 @@ def _changes(z: Array, directions: Array, problem: Problem, plan: Plan, body: Bo
     return watched_changes(task_of(problem, plan), _scene(problem), body, points, along, count, keep)
 
 
-def _simulated(plan: Plan) -> np.ndarray:
-    """Which unknowns a simulation depends on: neither delays nor shifts of markers; one at least."""
-    own = [k for k, each in enumerate(plan.constants) if each.name != DELAY.name and shift_of(each) is None]
-    return np.array(own or [0])
-
-
 def _directions(z: Array, plan: Plan) -> Array:
     """The unit direction of each of them, (D, P)."""
-    return jnp.eye(z.shape[-1], dtype=z.dtype)[_simulated(plan)]
+    return jnp.eye(z.shape[-1], dtype=z.dtype)[simulated(plan)]
 
 
 def _columns(
@@ -100,7 +92,7 @@ def _columns(
 ) -> tuple[Array, Array, Outcome]:
     """Residuals and Jacobian (P, T, M, 3) of what was kept of one point's frames (n, M, k), which have `changes`
     (D, n, M, k) along the directions of a simulation and none along the others."""
-    every = jnp.zeros((z.size, *frames.shape), frames.dtype).at[_simulated(plan)].set(changes)
+    every = jnp.zeros((z.size, *frames.shape), frames.dtype).at[simulated(plan)].set(changes)
 
     def along(direction: Array, change: Array) -> Array:
         compare = lambda own, kept: difference(own, kept, status, problem, plan)[0]  # noqa: E731

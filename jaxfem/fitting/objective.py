@@ -143,10 +143,10 @@ def difference(z: Array, kept: Array, status: Array, problem: Problem, plan: Pla
 
 @partial(jax.jit, static_argnames="plan")
 def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Outcome]:
-    """`residuals` with the Jacobian (P, T, M, 3): the simulation runs once, its tangents side by side. Shifts of
-    markers need none: their columns are made of the frames."""
-    shifts = [k for k, each in enumerate(plan.constants) if shift_of(each) is not None]
-    moving = [k for k in range(z.size) if k not in shifts] or [0]
+    """`residuals` with the Jacobian (P, T, M, 3): the simulation runs once, its tangents side by side. A delay
+    and shifts of markers need none: their columns are made of the frames."""
+    moving = simulated(plan)
+    others = [k for k in range(z.size) if k not in moving]
 
     def whole(u: Array) -> tuple[Array, tuple[Outcome, Array]]:
         frames, status = _frames_at(u, problem, plan)
@@ -158,20 +158,26 @@ def linearised(z: Array, problem: Problem, plan: Plan) -> tuple[Array, Array, Ou
 
     directions = jnp.eye(z.size, dtype=z.dtype)
     if plan.at_once is None or plan.at_once >= len(moving):
-        r, columns, (outcome, frames) = jax.vmap(tangent, out_axes=(None, 0, None))(directions[np.array(moving)])
+        r, columns, (outcome, frames) = jax.vmap(tangent, out_axes=(None, 0, None))(directions[moving])
     else:
-        each, columns, aside = jax.lax.map(tangent, directions[np.array(moving)], batch_size=plan.at_once)
+        each, columns, aside = jax.lax.map(tangent, directions[moving], batch_size=plan.at_once)
         r, (outcome, frames) = each[0], jax.tree.map(lambda leaf: leaf[0], aside)
-    if not shifts:
+    if not others:
         return r, columns, outcome
 
-    def shifted(direction: Array) -> Array:
+    def beside(direction: Array) -> Array:
         compare = lambda u: difference(u, frames, outcome.status, problem, plan)[0]  # noqa: E731
         pushed: Array = jax.jvp(compare, (z,), (direction,))[1]
         return pushed
 
-    every = jnp.zeros((z.size, *r.shape), r.dtype).at[np.array(moving)].set(columns)
-    return r, every.at[np.array(shifts)].set(jax.vmap(shifted)(directions[np.array(shifts)])), outcome
+    every = jnp.zeros((z.size, *r.shape), r.dtype).at[moving].set(columns)
+    return r, every.at[np.array(others)].set(jax.vmap(beside)(directions[np.array(others)])), outcome
+
+
+def simulated(plan: Plan) -> np.ndarray:
+    """Numbers of the unknowns that a simulation depends on, one at least: neither delays nor shifts of markers."""
+    own = [k for k, each in enumerate(plan.constants) if each.name != DELAY.name and shift_of(each) is None]
+    return np.array(own or [0])
 
 
 def shift_of(constant: Constant) -> Shift | None:

@@ -10,6 +10,8 @@ from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 LATE = 3.0  # times the fall within a row; a release that lies a row before is half of it
 ALIKE = 0.2  # of a leap: how much markers may differ in it
 BACK = 0.05  # of the motion: as near as this is back where it began
+TOPS = 3  # times that it is highest
+RISES = 0.05  # of its motion: smaller ones are none
 AROUND = 2.7  # times the two rows before and behind: of a swing, however sampled, twice at most
 LEAP = 0.1  # of the motion: a smaller one is none
 SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
@@ -82,6 +84,35 @@ def leap_faults(measured: Measurement) -> list[str]:
         f"the motion: markers leap by {1e3 * size[rows[0]]:.3g} mm within a row at {when:.4g} s, far more "
         "than in the rows around: two recordings are put together there, or rows are left out. End before it "
         "(end = TIME), or make two of it"
+    ]
+
+
+def bounce_faults(recording: Recording, gravity: np.ndarray) -> list[str]:
+    """A body that falls and bounces, and that nothing drives, gets less high each time: where each of several times is
+    higher than the last, time runs backwards. `gravity` (3,) [m/s^2] in the frame of the recording."""
+    strength = float(np.linalg.norm(gravity))
+    seen = recording.seen.all(axis=1)
+    if strength == 0 or recording.unit == "px" or seen.sum() < 8:
+        return []
+    height = (recording.positions[seen].mean(axis=1) @ -gravity) / strength
+    least = max(RISES * float(np.ptp(height)), 8 * scatter(height))
+    tops, low, high = list[float](), height[0], height[0]
+    rising = False
+    for value in height:  # tops between which it falls, and rises again, by more than the least
+        low, high = min(low, value), max(high, value)
+        if not rising and value > low + least:
+            rising, high = True, value
+        if rising and value < high - least:
+            tops.append(high)
+            rising, low = False, value
+    tops += [high] if rising else []
+    higher = np.diff(tops)
+    if (higher > 0.5 * least).sum() < TOPS - 1 or higher.min() < -0.25 * least:
+        return []
+    listed = ", ".join(f"{1e3 * (top - float(height.min())):.3g}" for top in tops[-4:])
+    return [
+        f"the time: what falls and bounces gets higher each time ({listed} mm), though nothing drives it: the "
+        "recording runs backwards. Turn the order of its rows"
     ]
 
 

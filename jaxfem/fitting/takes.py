@@ -89,28 +89,24 @@ def prepared(take: Take, checks: str, late: bool = False) -> Prepared:
     recording, told = in_frame_of_clamp(take.recording, take.clamp, markers.names, take.frame)
     recording = repaired(recording.subset(markers.names))
     nominal = np.asarray(marker_places(markers, state), np.float64)
-    measured = _cut(take, recording, markers, nominal, checks)
+    of = recording, markers, nominal, take.model, params, take.frame
+    try:
+        measured = measurement(
+            recording, nominal, frame=take.frame, compare=take.compare, release=take.release, end=take.end
+        )
+    except FitError:  # no release is found, say: the course of the motion may tell why
+        refuse(looked_through(*of, (-np.inf, np.inf))[0], checks)
+        raise
     scene = take.model, params, state
     faults, notes = written_faults(recording, measured, nominal, *scene, take.frame, take.compare, late)
     if not faults:
         end = measured.begins[0] + float(measured.times[-1]) + 0.5 * measured.spacing
         begin = recording.times[0] if isinstance(take.release, str) else measured.begins[0]
-        faults, suspicions = looked_through(recording, markers, nominal, take.model, begin, end)
+        faults, suspicions = looked_through(*of, (begin, end))
         notes += suspicions
     faults = refuse(faults, checks)
     notes = [*recording.notes, *told, *notes]
     return Prepared(take, params, state, markers, recording, measured, tuple(faults), tuple(notes))
-
-
-def _cut(take: Take, recording: Recording, markers: Markers, nominal: np.ndarray, checks: str) -> Measurement:
-    """The samples that are compared; where no release is found, the cause, if the course of the motion tells one."""
-    try:
-        return measurement(
-            recording, nominal, frame=take.frame, compare=take.compare, release=take.release, end=take.end
-        )
-    except FitError:
-        refuse(looked_through(recording, markers, nominal, take.model, -np.inf, np.inf)[0], checks)
-        raise
 
 
 def compiled_piece(

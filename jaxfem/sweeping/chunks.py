@@ -123,7 +123,7 @@ class Sweep:
             if isinstance(asked, bool) or not isinstance(asked, int) or asked < 1:
                 raise SweepError(f"width is {asked!r}; give how many variants a chunk, a whole number of at least 1")
             return asked
-        most = min(self.engine.width, -(-self.count // len(self.devices)))
+        most = min(self.engine.widest(self.task, self.devices[0].platform), -(-self.count // len(self.devices)))
         while most > 1 and most * self._kept + self.engine.states_at_once(most) * self._states > ROOM:
             most //= 2
         return most
@@ -170,15 +170,14 @@ def chosen(task: Task, asked: str, devices: Sequence[Any]) -> tuple[Engine, str]
         if refused:
             raise SweepError(f'engine "{asked}" {refused}: give engine = "auto"')
         return engine, "asked for"
-    if devices[0].platform != "cpu":
-        return ENGINES["vmap"].made(), "accelerators take all lanes side by side"
+    other, how = ("loop", "one after another") if devices[0].platform == "cpu" else ("vmap", "side by side")
     if "lanes" not in ENGINES:
-        return ENGINES["loop"].made(), "on CPUs one after another is faster than vmap"
+        return ENGINES[other].made(), f"{how} is the fastest there"
     lanes = ENGINES["lanes"].made()
     refused = lanes.refuses(task) or lanes.slower(task)
     if refused:
-        return ENGINES["loop"].made(), f'one after another, since engine "lanes" {refused}'
-    return lanes, "soft bodies on CPUs"
+        return ENGINES[other].made(), f'{how}, since engine "lanes" {refused}'
+    return lanes, "soft bodies"
 
 
 def sweep(

@@ -12,7 +12,7 @@ from jaxfem.fitting import FitError, Recording, Take, read_recording
 from jaxfem.fitting.course_checks import course_faults, rigid_faults
 from jaxfem.fitting.measurement import measurement
 from jaxfem.fitting.repairs import repaired
-from jaxfem.fitting.start_checks import leap_faults
+from jaxfem.fitting.start_checks import bounce_faults, leap_faults
 from jaxfem.fitting.takes import prepared
 
 NAMES = ("tip", "left", "right", "middle", "side")
@@ -150,6 +150,22 @@ def test_markers_of_a_rigid_body_keep_their_distances():
     slid = changed(good, lambda share: share * np.eye(4)[1][:, None] * [0.0, 0.0, 0.02])
     assert '"b"' in rigid_faults(slid, on)[0]
     assert "the scale" in rigid_faults(changed(good, lambda share: 0.1 * share * good.positions), on)[0]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-4])
+def test_a_ball_that_bounces_higher_each_time_is_named(noise):
+    heights, speed, height = [], 0.0, 0.2
+    for _ in range(200):
+        speed, height = speed - 9.81 / RATE, height + speed / RATE
+        if height < 0:
+            speed, height = -0.7 * speed, -height
+        heights.append(height)
+    places = np.array(heights)[:, None, None] * np.eye(3)[2] + [0, 0, 0.01]
+    places = places + noise * np.random.default_rng(0).normal(size=places.shape)
+    ball, down = Recording(np.arange(200) / RATE, places, ("ball",)), np.array([0, 0, -9.81])
+    assert bounce_faults(ball, down) == [] and repaired(ball).notes == ()
+    back = dataclasses.replace(ball, positions=places[::-1])
+    assert "higher each time" in bounce_faults(back, down)[0] and bounce_faults(back, 0 * down) == []
 
 
 def test_what_is_wrong_is_said_before_the_search():

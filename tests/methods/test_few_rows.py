@@ -1,34 +1,55 @@
 """Few rows by elimination of their whole matrix."""
 
 from collections import OrderedDict
+from functools import partial
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from jaxfem.methods.allrows import condition, dense
 from jaxfem.methods.allrows.dense import by_elimination
+from jaxfem.solvers.status import SolveInfo, Status
 
 
-@pytest.mark.parametrize("dtype", [jnp.float64, jnp.float32])
-def test_a_matrix_without_symmetry_that_is_nearly_singular_is_solved(dtype):
+@pytest.mark.parametrize(("dtype", "together"), [(jnp.float64, 512), (jnp.float64, 5), (jnp.float32, 512)])
+def test_a_matrix_without_symmetry_that_is_nearly_singular_is_solved(dtype, together, monkeypatch):
+    monkeypatch.setattr(dense, "TOGETHER", together)  # columns of larger ones are made some at a time
     random = np.random.default_rng(0)
     matrix = np.eye(12) + 0.3 * random.standard_normal((12, 12))
     matrix[5] = matrix[4] + (1e-9 if dtype == jnp.float64 else 1e-4) * random.standard_normal(12)
     known = random.standard_normal(12)
-    dense = jnp.asarray(matrix, dtype)
+    whole = jnp.asarray(matrix, dtype)
 
     def parted(flat):
         return OrderedDict(a=flat[:6].reshape(2, 3), b=flat[6:].reshape(6, 1))
 
     def product(rows):
-        return parted(dense @ jnp.concatenate([leaf.ravel() for leaf in rows.values()]))
+        return parted(whole @ jnp.concatenate([leaf.ravel() for leaf in rows.values()]))
 
     right = product(parted(jnp.asarray(known, dtype)))
-    weights = parted(jnp.abs(jnp.diag(dense)) + 0.1)
+    weights = parted(jnp.abs(jnp.diag(whole)) + 0.1)
     found, info = jax.jit(lambda right: by_elimination(product, right, weights))(right)
     exact = np.linalg.solve(matrix, np.concatenate([np.ravel(leaf) for leaf in right.values()]).astype(float))
     np.testing.assert_allclose(
         np.concatenate([np.ravel(leaf) for leaf in found.values()]), exact, atol=1e-5 if dtype == jnp.float64 else 3e-2
     )
     assert float(info.residual) < 1e-12 if dtype == jnp.float64 else 1e-5
+
+
+@pytest.mark.parametrize("broken", [False, True])
+def test_of_two_tries_that_is_taken_which_leaves_less(broken):
+    """However small the first said that its residual is: it measures another thing. What is not finite is not taken."""
+    right, weights = OrderedDict(a=jnp.array([[1.0, 2.0]])), OrderedDict(a=jnp.array([[2.0, 0.5]]))
+    matrix = jnp.array([[2.0, 0.3], [0.1, 0.5]])
+    left = partial(dense.left_over, lambda rows: OrderedDict(a=rows["a"] @ matrix.T), right, weights)
+    good = OrderedDict(a=jnp.linalg.solve(matrix, right["a"][0])[None])
+    assert float(left(good)) < 1e-15 and abs(float(left(OrderedDict(a=0 * right["a"]))) - 1) < 1e-15
+    first = SolveInfo(jnp.int32(Status.ITERATION_LIMIT), jnp.int32(9), jnp.asarray(1e-9), jnp.int32(0))
+    second = SolveInfo(jnp.int32(0), jnp.int32(2), jnp.asarray(1e-8), jnp.int32(0))
+    other = OrderedDict(a=good["a"] * (jnp.nan if broken else 1))
+    found, info = condition._retried(OrderedDict(a=1.5 * good["a"]), first, left, lambda: (other, second))
+    np.testing.assert_allclose(found["a"], good["a"] * (1.5 if broken else 1))
+    assert int(info.status) == (Status.ITERATION_LIMIT if broken else Status.CONVERGED)
+    assert float(info.residual) > 0.1 if broken else float(info.residual) < 1e-15

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from jaxfem.batching import cond_any
 from jaxfem.methods.allrows.cone import projected_step
-from jaxfem.methods.allrows.dense import MOST, by_elimination
+from jaxfem.methods.allrows.dense import MOST, by_elimination, left_over
 from jaxfem.methods.allrows.factor import row_preconditioner
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
@@ -140,18 +140,22 @@ def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Im
             limit = jnp.minimum(limit, PATIENCE * trees.size(vector))
         solution, info = bicgstab(matvec, vector, scaled, tol=tol, max_iterations=limit)
         coned = any(each.cone for each in system.friction.values())
+        left = partial(left_over, matvec, vector, weights)
         if few:
-            solution, info = _retried(solution, info, partial(by_elimination, matvec, vector, weights))
+            solution, info = _retried(solution, info, left, partial(by_elimination, matvec, vector, weights))
         elif plan is not None and (coned or system.target.dtype.itemsize == 4):
             by_diagonal = partial(bicgstab, matvec, vector, _diagonal(weights), tol=tol, max_iterations=limit)
-            solution, info = _retried(solution, info, by_diagonal)
-        good = info.residual <= jnp.sqrt(system.tolerance)
+            solution, info = _retried(solution, info, left, by_diagonal)
+        # Where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`).
+        good = info.status == int(Status.CONVERGED)
+        if few:
+            good = good | (info.residual <= jnp.sqrt(system.tolerance))
     found: Impulses = jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
     return found
 
 
-def _retried(solution: Impulses, info: SolveInfo, again: Any) -> tuple[Impulses, SolveInfo]:
-    """The better of a solution and of another try, made where it has not converged.
+def _retried(solution: Impulses, info: SolveInfo, left: Any, again: Any) -> tuple[Impulses, SolveInfo]:
+    """The better of a solution and of another try, made where it has not converged; judged by what both leave, `left`.
 
     In single precision the elimination of redundant rows, as those of four corners that stick, may keep no digit; and
     it does not know how a cone ties a pair of rows to each other and to its normal. Backwards, where some of the rows
@@ -160,7 +164,8 @@ def _retried(solution: Impulses, info: SolveInfo, again: Any) -> tuple[Impulses,
 
     def other(solution: Impulses, info: SolveInfo) -> tuple[Impulses, SolveInfo]:
         second, how = again()
-        better = ~(how.residual > info.residual)
+        info, how = info.replace(residual=left(solution)), how.replace(residual=left(second))
+        better = (how.residual <= info.residual) | ~jnp.isfinite(info.residual)
         found: tuple[Impulses, SolveInfo] = jax.tree.map(
             lambda new, old: jnp.where(better, new, old), (second, how), (solution, info)
         )

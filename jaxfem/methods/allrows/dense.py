@@ -11,10 +11,13 @@ import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
 from jaxfem.rows.bounds import Impulses
+from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo
 
-MOST = 512
+MOST = 2048
 """Rows up to which the matrix is made: it costs as many products as there are rows."""
+TOGETHER = 512
+"""Products that are made at once: each holds arrays as long as all rows."""
 
 
 def by_elimination(
@@ -31,7 +34,7 @@ def by_elimination(
         product: jax.Array = ravel_pytree(matvec(shaped(column / root)))[0] / root
         return product
 
-    factor = jax.scipy.linalg.lu_factor(jax.vmap(scaled, out_axes=1)(jnp.eye(flat.size, dtype=flat.dtype)))
+    factor = jax.scipy.linalg.lu_factor(_columns(scaled, flat))
     wanted = flat / root
 
     def better(found: jax.Array) -> tuple[jax.Array, jax.Array]:
@@ -44,3 +47,24 @@ def by_elimination(
     relative = residual / jnp.where(size > 0, size, 1)
     none = jnp.int32(0)
     return shaped(second / root), SolveInfo(none, jnp.int32(flat.size), relative, none)
+
+
+def _columns(product: Callable[[jax.Array], jax.Array], like: jax.Array) -> jax.Array:
+    """The matrix (n, n) of a product with vectors like `like` (n,)."""
+    unit, parts = jnp.eye(like.size, dtype=like.dtype), -(-like.size // TOGETHER)
+    if parts == 1:
+        together: jax.Array = jax.vmap(product, out_axes=1)(unit)
+        return together
+    columns: jax.Array = jax.lax.map(product, unit, batch_size=-(-like.size // parts))
+    return columns.T
+
+
+def left_over(matvec: Callable[[Impulses], Impulses], right: Impulses, weights: Impulses, found: Impulses) -> jax.Array:
+    """|right - matvec(found)| over |right|, each entry over the root of its weight; not by any recurrence."""
+
+    def size(rows: Impulses) -> jax.Array:
+        return trees.norm(jax.tree.map(lambda row, weight: row / jnp.sqrt(weight), rows, weights))
+
+    whole = size(right)
+    relative: jax.Array = size(trees.minus(right, matvec(found))) / jnp.where(whole > 0, whole, 1)
+    return relative

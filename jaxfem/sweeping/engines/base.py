@@ -19,6 +19,9 @@ Kept = tuple[dict[str, Array], dict[str, Array]]
 """Outputs, and of each variant `status`, `iterations` (a step), `residual`, `inverted`."""
 
 
+FEWEST = 200  # elements that a variant counts as at least, where a chunk's width is chosen
+
+
 @dataclasses.dataclass(frozen=True)
 class Task:
     """What each variant is: the scene, `steps` of `dt`, a saved state `every` so many, variables and outputs.
@@ -80,10 +83,12 @@ def told(infos: StepInfo) -> dict[str, Array]:
 
 
 class Engine:
-    """A way to compute chunks; `width` variants in each where nothing else is asked for."""
+    """A way to compute chunks; where nothing else is asked for `width` variants in each, on accelerators more, until
+    they have `elements` together."""
 
     name: ClassVar[str]
     width: ClassVar[int] = 32
+    elements: ClassVar[float] = 0.0
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
@@ -96,6 +101,11 @@ class Engine:
     def slower(self, task: Task) -> str | None:
         """Why another serves a task faster, although this one can, in words that follow its name, or None."""
         return None
+
+    def widest(self, task: Task, platform: str) -> int:
+        """Variants a chunk, as far as there are so many."""
+        more = 0 if platform == "cpu" else self.elements // max(task.model.elements.count, FEWEST)
+        return max(self.width, int(more))
 
     def states_at_once(self, width: int) -> int:
         """How many variants' saved states are in memory at one time, of a chunk of that width."""

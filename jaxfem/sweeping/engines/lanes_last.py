@@ -1,4 +1,4 @@
-"""Soft bodies on CPUs with lanes last: see `jaxfem.sweeping.lanes`."""
+"""Soft bodies with lanes last: see `jaxfem.sweeping.lanes`."""
 
 from collections.abc import Callable, Mapping
 from typing import Any, ClassVar
@@ -29,6 +29,7 @@ class LanesLast(Engine):
 
     name: ClassVar[str] = "lanes"
     width: ClassVar[int] = 32
+    elements: ClassVar[float] = 4e6  # some 5 GB in double precision
 
     def states_at_once(self, width: int) -> int:
         """All of a chunk."""

@@ -13,6 +13,7 @@ class Vmapped(Engine):
 
     name: ClassVar[str] = "vmap"
     width: ClassVar[int] = 256
+    elements: ClassVar[float] = 5e5
 
     def states_at_once(self, width: int) -> int:
         """All."""
