@@ -4,7 +4,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.batching import cond_any, lanes_in_turn
+import jaxfem as jf
+from jaxfem.batching import cond_any, lanes_in_turn, one_program
+from jaxfem.methods import by_rows
 
 
 @lanes_in_turn
@@ -52,3 +54,31 @@ def test_a_branch_stays_one_under_vmap():
     np.testing.assert_array_equal(jax.jit(jax.vmap(jax.vmap(branch, (0, None)), (0, None)))(x[None], 0.5)[0], expected)
     traced = str(jax.make_jaxpr(jax.vmap(branch, (0, None)))(x, 0.5))
     assert "cond[" in traced and "sqrt" in traced.split("cond[")[1]
+
+
+def test_small_functions_are_one_program_and_leave_no_trace_inside_of_others():
+    seen = []
+
+    @one_program
+    def moved(x):
+        seen.append(x)
+        return 2 * x + 1
+
+    for start in (0.0, 1.0):
+        np.testing.assert_array_equal(moved(np.full(3, start)), np.full(3, 2 * start + 1))
+    assert len(seen) == 1  # traced, and not run an operation at a time
+    inside = jax.make_jaxpr(lambda x: moved(x))(np.zeros(3))
+    assert {each.primitive.name for each in inside.eqns} <= {"mul", "add"}
+
+
+def test_a_scene_of_known_shape_is_built_without_tracing(monkeypatch):
+    traced, counts, plain = [], [], by_rows.system_of
+    monkeypatch.setattr(by_rows, "system_of", lambda *given: traced.append(given) or plain(*given))
+    for speed in (0.1, 0.2):
+        boxes = [
+            jf.RigidBody(jf.Box((0.1, 0.1, 0.1)), mass=1.0, position=(0.3 * k, 0, 0.05), velocity=(speed, 0, 0))
+            for k in range(3)
+        ]
+        jf.build(jf.Scene(boxes, contacts=[jf.Contact(box, jf.Plane()) for box in boxes]))
+        counts.append(len(traced))
+    assert counts[1] == counts[0]

@@ -11,9 +11,9 @@ from jaxfem.answers import described, hashable, odd_leaf
 from jaxfem.declared import SceneError
 from jaxfem.materials.constants import Constant
 from jaxfem.methods import METHODS, CannotServe, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
+from jaxfem.methods.by_rows import first_system
 from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
 from jaxfem.model import Choice, Model, Params, State, nodal_mass
-from jaxfem.system.coupled import coupled_system
 
 ROTATION_UPDATES = ("explicit", "implicit")
 OUTWEIGHED = 1e4  # masses of rigid over soft bodies
@@ -40,8 +40,8 @@ def _many_across(built: Built) -> bool:
     """Whether more rows couple several triples than the nodes' preconditioner bears: dolls of many rigid bodies."""
     if not built.facts.rigid:
         return False
-    step, model = jnp.ones((), built.model.rest.dtype), built.model
-    system = jax.eval_shape(lambda: coupled_system(model, built.params, built.state, step))
+    model = built.model
+    system = jax.eval_shape(first_system, model, built.params, built.state.replace(memory=None))
     across: int = sum(rows.bias.size for rows in system.extra.values() if rows.triples.shape[1] > 1)
     return across > min(MOST_EXACT, 2 * model.nodes)
 

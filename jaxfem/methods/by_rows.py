@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.answers import described, is_array
-from jaxfem.batching import cond_any
+from jaxfem.batching import cond_any, one_program
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
@@ -97,14 +97,9 @@ class RowMethod(Method):
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""
-        step = jnp.ones((), model.rest.dtype)
-        bare = state.replace(memory=None)
-        shapes = jax.eval_shape(
-            lambda: OrderedDict(
-                (name, rows.bias) for name, rows in self.solved_rows(system_of(model, params, bare, step, None)).items()
-            )
-        )
-        return OrderedDict((name, on_device(np.zeros(each.shape), each.dtype)) for name, each in shapes.items())
+        rows = self.solved_rows(jax.eval_shape(first_system, model, params, state.replace(memory=None)))
+        shapes = ((name, each.bias) for name, each in rows.items())
+        return OrderedDict((name, on_device(np.zeros(bias.shape), bias.dtype)) for name, bias in shapes)
 
     def impulses(self, model: Model, memory: Any) -> Impulses:
         """The memory itself."""
@@ -141,6 +136,12 @@ def with_fresh_pull(
     start = (state.memory, blank, jnp.bool_(True))
     solution: Ended = jax.lax.scan(trip, start, None, length=PULL_ROUNDS)[0][1]
     return solution
+
+
+@one_program
+def first_system(model: Model, params: Params, state: State) -> System:
+    """The system of a step of 1 s from a state without a memory; what `build` asks of it is traced once for a scene."""
+    return system_of(model, params, state, jnp.ones((), model.rest.dtype), None)
 
 
 def system_of(

@@ -14,7 +14,7 @@ from jaxfem.methods.allrows.operator import RowOperator
 from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.methods.allrows.rounds import with_friction
 from jaxfem.methods.base import CannotServe, Facts, Solved
-from jaxfem.methods.by_rows import Impulses, RowMethod, system_of
+from jaxfem.methods.by_rows import Impulses, RowMethod, first_system
 from jaxfem.model import Model, Params, State
 from jaxfem.rows.bounds import Bounds, sides_of
 from jaxfem.system.coupled import TRACE
@@ -85,5 +85,5 @@ class EliminationSearch:
 
 def _triples(model: Model, params: Params, state: State) -> tuple[tuple[Array, ...], tuple[Array, ...]]:
     """Triples that each group of rows acts on, and arrays as long as its blocks have rows."""
-    rows = system_of(model, params, state, jnp.ones((), model.rest.dtype), None).extra.values()
+    rows = first_system(model, params, state).extra.values()
     return tuple(each.triples for each in rows), tuple(jnp.zeros(each.bias.shape[1], bool) for each in rows)
