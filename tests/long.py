@@ -9,7 +9,7 @@ import sys
 import xml.etree.ElementTree
 
 FILE = pathlib.Path(__file__).with_name("long.txt")
-LONG = 1.5  # s
+LONG = 3.0  # s
 
 
 def listed() -> set[str]:
