@@ -33,12 +33,22 @@ def pytest_configure(config):
     gc.set_threshold(100_000, 20, 50)
 
 
-def pytest_collection_modifyitems(items):
-    """Those that were measured to take long are slow, too."""
-    names = long.listed()
+def pytest_addoption(parser):
+    """Those that take longest are run where they are asked for."""
+    parser.addoption("--exhaustive", action="store_true", help="the tests that take longest, too (see tests/long.py)")
+
+
+def pytest_collection_modifyitems(config, items):
+    """Those that were measured to take long are slow, too; the longest wait until they are asked for, alone or all."""
+    seconds = long.listed()
     for item in items:
-        if item.nodeid in names:
+        if item.nodeid in seconds:
             item.add_marker(pytest.mark.slow)
+    alone = any("::" in str(argument) for argument in config.args)
+    if not (alone or config.getoption("exhaustive")):
+        longest = [item for item in items if seconds.get(item.nodeid, 0) > long.LONGEST]
+        config.hook.pytest_deselected(items=longest)
+        items[:] = [item for item in items if item not in longest]
 
 
 @pytest.hookimpl(optionalhook=True)

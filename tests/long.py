@@ -1,7 +1,8 @@
-"""Tests that the quick part leaves out beside those marked in their files: what took long when all were measured.
+"""Tests that took long when all were measured: the quick part leaves them out, and the longest wait for `--exhaustive`.
 
-`python -m pytest -n auto --junitxml=times.xml`, with nothing kept, then `python tests/long.py times.xml` writes
-long.txt anew. Who compiles what several tests share depends on the order: one may be long that is short alone.
+`python -m pytest -n auto --exhaustive --junitxml=times.xml`, with nothing kept, then `python tests/long.py times.xml`
+writes long.txt anew: seconds and node id a line. Who compiles what several tests share depends on the order: one may be
+long that is short alone.
 """
 
 import pathlib
@@ -9,17 +10,13 @@ import sys
 import xml.etree.ElementTree
 
 FILE = pathlib.Path(__file__).with_name("long.txt")
-LONG = 3.0  # s
+LONG, LONGEST = 3.0, 30.0  # s
 
 
-def listed() -> set[str]:
-    """Node ids of the tests in the file."""
-    return set(FILE.read_text().splitlines())
-
-
-def measured(times: dict[str, float]) -> list[str]:
-    """Node ids of those that took long, of seconds by node id."""
-    return sorted(name for name, seconds in times.items() if seconds > LONG)
+def listed() -> dict[str, float]:
+    """Seconds by node id, of the tests in the file."""
+    pairs = (line.split(" ", 1) for line in FILE.read_text().splitlines())
+    return {name: float(seconds) for seconds, name in pairs}
 
 
 def read(path: str) -> dict[str, float]:
@@ -32,4 +29,5 @@ def read(path: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    FILE.write_text("".join(f"{name}\n" for name in measured(read(sys.argv[1]))))
+    lines = [f"{seconds:.0f} {name}\n" for name, seconds in sorted(read(sys.argv[1]).items()) if seconds > LONG]
+    FILE.write_text("".join(lines))

@@ -60,7 +60,7 @@ def measurement(
             + (f'frame = "{frame}" needs places; use "none"' if frame != "none" else "give its camera = (3, 4) matrix")
             + ", which takes places in the body's frame to pixels"
         )
-    first, earliest, latest = release_index(_until(recording, end), release)
+    first, earliest, latest = _released(recording, release, end)
     last = _end(recording, end, first)
     if last - first < 2:
         raise FitError(
@@ -126,6 +126,17 @@ def release_index(recording: Recording, release: Any) -> tuple[int, int, int]:
         )
     row = int(np.searchsorted(recording.times, release - slack))
     return row, row, row
+
+
+def _released(recording: Recording, release: Any, end: Any) -> tuple[int, int, int]:
+    """`release_index` of the rows up to `end`."""
+    rows = _until(recording, end)
+    try:
+        return release_index(rows, release)
+    except FitError as flaw:
+        if len(rows.times) == len(recording.times):
+            raise
+        raise FitError(f"up to end = {end:g} s {flaw}: end is not after the release, or too near to it") from flaw
 
 
 def _until(recording: Recording, end: Any) -> Recording:
