@@ -1,7 +1,5 @@
 """The engine with lanes last gives each variant what a rollout of its own gives, or says why it cannot serve."""
 
-import types
-
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -12,7 +10,6 @@ import jaxfem as jf
 from jaxfem import sweeping
 from jaxfem.materials.linear import Linear
 from jaxfem.solvers import Status
-from jaxfem.sweeping.chunks import chosen
 from jaxfem.sweeping.lanes.body import padded
 
 DT, STEPS = 5e-3, 10
@@ -278,27 +275,6 @@ def test_what_it_cannot_serve_goes_one_after_another():
             sweeping.Sweep(*scene, {"gravity[2]": [0.0]}, dt=DT, steps=1, outputs={"e": "energies"}, engine="lanes")
     made = sweeping.Sweep(*beam((2, 1, 1)), {"young": [1e5]}, dt=DT, steps=1, outputs={"e": "energies"})
     assert made.engine.name == "lanes" and jax.default_backend() == "cpu"
-
-
-def test_accelerators_take_lanes_without_fences(monkeypatch):
-    """Wide chunks, and the same answers: in single precision to some of its digits, of what moves by a hundredth of its
-    size."""
-    away = [types.SimpleNamespace(platform="gpu")]
-    made = sweeping.Sweep(*beam((2, 1, 1)), {"young": [1e5]}, dt=DT, steps=1, outputs={"e": "energies"})
-    engine, reason = chosen(made.task, "auto", away)
-    assert engine.name == "lanes" and reason == "soft bodies"
-    assert engine.widest(made.task, "gpu") > 1000 and engine.widest(made.task, "cpu") == 32
-    smoothed = sweeping.Sweep(
-        *beam((2, 1, 1), strain="smoothed"), {"young": [1e5]}, dt=DT, steps=1, outputs={"e": "energies"}
-    )
-    assert chosen(smoothed.task, "auto", away)[0].name == "vmap"
-    monkeypatch.setattr("jaxfem.sweeping.lanes.body._on_cpu", lambda model: False)
-    options = {"dt": DT, "steps": STEPS, "every": 5, "outputs": KEPT}
-    exact = jf.sweep(*beam((2, 1, 1)), {"young": [1e5, 1e6]}, engine="loop", **options)
-    found = jf.sweep(*beam((2, 1, 1), build={"dtype": "float32"}), {"young": [1e5, 1e6]}, engine="lanes", **options)
-    moved = np.abs(exact["x"] - np.asarray(made.task.model.rest)).max((1, 2, 3))
-    assert found.good.all() and moved[1] < 1e-3
-    assert (np.abs(found["x"] - exact["x"]).max((1, 2, 3)) / moved).max() < 1e-4
 
 
 def test_padded_rows_hold_every_item_once():
