@@ -59,7 +59,7 @@ def test_constants_of_all_laws_are_differentiable_at_once():
         end = jf.rollout(model, own, state, DT, 4)[0].positions[-1]
         return 1e3 * jnp.sum((end - state.positions)[:, 2] * jnp.sin(jnp.arange(len(end))))
 
-    check(loss, (1.0, 1.0, 1.0), h=1e-5)
+    check(loss, (1.0, 1.0, 1.0), h=1e-5, forwards=False)
 
 
 SCENE = """
