@@ -37,7 +37,7 @@ def scene_of(laws, strain):
 @pytest.mark.slow
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
 def test_bodies_of_several_laws_move_as_each_does_alone(strain):
-    laws = [*LAWS, jf.NeoHookean(**ELASTIC)] if strain == "element" else LAWS
+    laws = [*LAWS, jf.NeoHookean(**ELASTIC)] if strain == "element" else LAWS[::3]  # the first and the last
     model, params, state = scene_of(laws, strain)
     states, info = jf.rollout(model, params, state, DT, STEPS)
     assert not info.status.any() and int(info.counts["flowing"][-1]) > 0
