@@ -93,7 +93,7 @@ def test_rest_and_modes_of_a_stretched_bar():
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("names", [tuple(LAWS)[:3], tuple(LAWS)[3:]], ids=["not linear", "remembering"])
+@pytest.mark.parametrize("names", [*zip(list(LAWS)[:3]), tuple(LAWS)[3:]], ids=" and ".join)
 def test_lanes_and_single_precision(names):
     """Each lane of vmap is its own run, and float32 keeps its digits; bars of several laws side by side."""
     first = {next(iter(LAWS[name].values)) for name in names}
