@@ -7,7 +7,7 @@ stand indices. `dt` is the time step.
 import dataclasses
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -19,7 +19,7 @@ from jaxfem.ranges import ranges_of
 from jaxfem.sweeping.errors import SweepError
 
 STEP = "dt"
-_TOKEN = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]|\["([^"]+)"\]')
+_TOKEN = re.compile(r"""\.?([A-Za-z_]\w*)|\[(\d+)\]|\["([^"]+)"\]|\['([^']+)'\]""")
 Key = str | int
 
 
@@ -58,6 +58,17 @@ def place_of(name: str, model: Model, params: Params, state: State, value: np.nd
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(names)}"
         raise SweepError(f"there is nothing called {name!r} to sweep ({problem}): {hint}") from None
     return place
+
+
+def check_places(places: Sequence[Place]) -> None:
+    """SweepError where the values of a variable would be lost, since one behind it sets all of the same number."""
+    for number, first in enumerate(places):
+        for second in places[number + 1 :]:
+            if first.root == second.root and first.keys[: len(second.keys)] == second.keys:
+                raise SweepError(
+                    f"the values of {first.name!r} would be lost: {second.name!r} behind it sets the same number; give "
+                    "the one of all before that of a part"
+                )
 
 
 def placed(
@@ -101,6 +112,8 @@ def _constant(model: Model, held: Any, place: Place, value: Any) -> Any:
 def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
     """`tree` with the value where the keys lead."""
     if not keys:
+        if not _is_number(tree):
+            raise KeyError("it holds several numbers: name one of them")
         if np.shape(value) != np.shape(tree):
             raise SweepError(
                 f'the values of "{name}" have shape {np.shape(value)} a variant; there, {np.shape(tree)} is needed'
@@ -119,14 +132,21 @@ def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
     return held.at[first].set(_set(held[first], rest, value, name))
 
 
+def _is_number(tree: Any) -> bool:
+    """Whether that is one array, and no group of them."""
+    return isinstance(tree, int | float | jax.Array | np.ndarray | np.generic)
+
+
 def _keys(name: str) -> tuple[Key, ...]:
     keys, at = list[Key](), 0
     while at < len(name):
         match = _TOKEN.match(name, at)
         if match is None:
-            raise SweepError(f"{name!r} is no name of a number: write it like young, gravity[2] or loads[0][2]")
-        word, index, key = match.groups()
-        keys.append(int(index) if index is not None else word or key)
+            raise SweepError(
+                f'{name!r} is no name of a number: write it like young, young["beam"], gravity[2] or loads[0][2]'
+            )
+        word, index, *quoted = match.groups()
+        keys.append(int(index) if index is not None else word or quoted[0] or quoted[1])
         at = match.end()
     return tuple(keys)
 
