@@ -63,12 +63,13 @@ def test_variants_are_rollouts_of_their_own(scene, tmp_path):
     np.testing.assert_array_equal(read["tip[1][2]"], result["tip"][:, 1, 2])
 
 
-def test_contacts_joints_and_engines_agree():
-    """A ball falls on a plate: vmap and one after another give the same, and the force on the plate is its weight."""
+def test_contacts_paths_and_engines_agree():
+    """A ball falls on a plate: vmap and one after another give the same, and the force on the plate is its weight. A
+    contact's friction and a body's speed are named as fits name them."""
     ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
-    scene = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
+    scene = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)), name="floor")]))
     (group,) = scene[0].contacts
-    variants = {"rigid.mass[0]": [0.1, 0.4], f'contacts["{group}"].friction[0]': [0.3, 0.5]}
+    variants = {"rigid.mass[0]": [0.1, 0.4], "contact.floor.friction": [0.0, 0.5], "velocity.ball.x": [0.1, 0.3]}
     variants = sweeping.table({name: np.array(each) for name, each in variants.items()})
     outputs = {"force": "contact_forces", "pose": "rigid"}
     made = [
@@ -78,7 +79,12 @@ def test_contacts_joints_and_engines_agree():
         assert result.good.all()
         np.testing.assert_allclose(result[f"force.{group}"][:, -1], 9.81 * variants["rigid.mass[0]"], rtol=1e-4)
     np.testing.assert_allclose(made[0]["pose.positions"], made[1]["pose.positions"], atol=1e-9)
+    moved = made[0]["pose.positions"][:, -1, 0, 0]
+    np.testing.assert_allclose(moved[0], 0.1 * DT * STEPS, rtol=1e-6)
+    assert 0 < moved[1] < 0.95 * 0.3 * DT * STEPS  # friction sets it rolling
     assert made[0].engine == "loop" and made[0].reason == "asked for"
+    with pytest.raises(jf.SweepError, match="there is no output 'push': there are force"):
+        made[0]["push"]
 
 
 def test_a_change_of_the_users_own(scene):
@@ -156,6 +162,8 @@ def test_tables_keep_every_bit(tmp_path):
         ({"engine": "fast"}, "known are auto, "),
         ({"width": 0}, "whole number of at least 1"),
         ({"variants": [1e5]}, "give a mapping from names"),
+        ({"variants": {"gravity.xx": [1.0]}}, "did you mean 'gravity.x'"),
+        ({"variants": {"gravity.x": [[1.0, 2.0]]}}, '"gravity.x" takes one number a variant'),
         ({"variants": {"state": [1.0]}}, "holds several numbers"),
         ({"variants": {"loads": [[0.0, 0.0, 1.0]]}}, "holds several numbers"),
         ({"variants": {'young["beam"]': [1e5], "young": [2e5]}}, "would be lost: 'young' behind it"),
