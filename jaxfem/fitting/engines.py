@@ -20,7 +20,7 @@ LANES, MOST = 8, 32  # points a chunk: a multiple of the first, at most the seco
 PAYS = 150_000
 """Elements times steps, and twice that for each further start, from which on a fit with some five Jacobians a start
 saves more time than its programs take longer to compile (10 to 20 s)."""
-SHORT = 5_000
+SHORT = 10_000
 """Elements times steps below which simulations of a whole fit take less than one more program takes to compile."""
 BODY = 20
 """Elements that a rigid body counts as, with its rows."""
