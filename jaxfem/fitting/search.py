@@ -162,9 +162,11 @@ def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Weighting) -> np.ndarra
 
 
 def _in_step(evaluator: Evaluator, z: np.ndarray, short: Smoothed) -> bool:
-    """Whether the simulation at z rings with the recording all along: of what averages over a short time leave out, less
-    is off than a lag of a twelfth of a cycle makes. Averages then have no minimum to lead to, and would tell damping and
-    delay worse than the ringing does."""
+    """Whether the simulation at z rings with the recording all along.
+
+    Of what averages over a short time leave out, less is off than a lag of a twelfth of a cycle makes. Averages then
+    have no other minimum to lead to, and tell damping and delay worse than the ringing does.
+    """
     r, outcomes = evaluator.residual(z)
     if evaluator.unknowns.scanned is None or not all(np.isfinite(each).all() for each in r):
         return False

@@ -57,13 +57,15 @@ def errors(result):
     return {name: abs(value / TRUE[name] - 1) for name, value in result.values.items()}
 
 
-@pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
-def test_exact_data_give_exact_values_from_far_off(beam, start):
+@pytest.mark.parametrize(
+    ("start", "corrected"), [(FAR_OFF[0], False), (FAR_OFF[1], True)], ids=["stiff", "soft, derivatives corrected"]
+)
+def test_exact_data_give_exact_values_from_far_off(beam, start, corrected, monkeypatch):
+    if corrected:  # as where simulations take longer than compiling
+        monkeypatch.setattr("jaxfem.fitting.engines.SHORT", 0)
     result = beam.fit(beam.recording(), start)  # released after row 30, which is found
     assert result.release == pytest.approx(0.3) and max(errors(result).values()) < 1e-5
-    assert (
-        result.status == "converged" and result.noise < 1e-9 and result.iterations <= 7
-    )  # 10 with new derivatives a step
+    assert result.status == "converged" and result.noise < 1e-9 and result.iterations <= (7 if corrected else 10)
     assert float(result.params.young) == pytest.approx(result.values["young"])
     assert any("omega dt / 2" in text for text in result.warnings)  # the step damps five times more than the material
 
