@@ -161,8 +161,8 @@ def _climb(
             continue
         small = gain < least or np.abs(trial - at.z).max() < 1e-8
         foretold = goal.misses(trial - at.z, at.r, at.jacobian, new) < FORETOLD
-        stepped = at.stepped(trial, new)
-        at = stepped if foretold or (small and certain) else (yield from _made(trial))
+        serve = not goal.evaluator.whole and (foretold or (small and certain))  # those of the trial are there, else
+        at = at.stepped(trial, new) if serve else (yield from _made(trial))
         if small and certain:
             break
     goal.evaluator.near = at

@@ -20,14 +20,20 @@ LANES, MOST = 8, 32  # points a chunk: a multiple of the first, at most the seco
 PAYS = 150_000
 """Elements times steps, and twice that for each further start, from which on a fit with some five Jacobians a start
 saves more time than its programs take longer to compile (10 to 20 s)."""
+SHORT = 10_000
+"""Elements times steps below which simulations of a whole fit take less than one more program takes to compile."""
+BODY = 20
+"""Elements that a rigid body counts as, with its rows."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Engine:
-    """By `rollout`'s step, what is several side by side by `vmap`: for every scene. `width`: points a program."""
+    """By `rollout`'s step, what is several side by side by `vmap`: for every scene. `width`: points a program; `whole`:
+    whether derivatives are made where residuals are asked for, so that one program serves both."""
 
     name: ClassVar[str] = "vmap"
     width: int = 8
+    whole: bool = False
 
     def residuals(self, z: Array, problem: Problem, plan: Plan) -> Found:
         """At a point z (P,)."""
@@ -92,13 +98,13 @@ def chosen(asked: str, simulated: Simulated, starts: int) -> tuple[list[Engine],
     if asked == LanesLast.name and refused:
         raise FitError(f'engine "{asked}" {refused}: give engine = "{AUTO}"')
     if asked == Engine.name:
-        return [Engine() for _ in simulated], "asked for"
+        return _usual(simulated, starts), "asked for"
     if asked == AUTO:
         if jax.devices()[0].platform != "cpu":
-            return [Engine() for _ in simulated], "accelerators take all points side by side"
+            return _usual(simulated, starts), "accelerators take all points side by side"
         refused = refused or _slower(simulated, starts)
         if refused:
-            return [Engine() for _ in simulated], f'engine "{LanesLast.name}" {refused}'
+            return _usual(simulated, starts), f'engine "{LanesLast.name}" {refused}'
     width = LANES * min(-(-max(starts, 1) // LANES), MOST // LANES)
     bodies: dict[int, Body] = {}
     for problem, _ in simulated:
@@ -106,6 +112,21 @@ def chosen(asked: str, simulated: Simulated, starts: int) -> tuple[list[Engine],
             bodies[id(problem.model)] = body_of(problem.model, problem.params)
     engines: list[Engine] = [LanesLast(width, bodies[id(problem.model)]) for problem, _ in simulated]
     return engines, "asked for" if asked != AUTO else "soft bodies on CPUs"
+
+
+def _usual(simulated: Simulated, starts: int) -> list[Engine]:
+    return [Engine(whole=starts == 0 and short(simulated)) for _ in simulated]
+
+
+def short(simulated: Simulated) -> bool:
+    """Whether all simulations of a fit take less than one more program takes to compile."""
+    return sum(_work(problem, plan) for problem, plan in simulated) < SHORT
+
+
+def _work(problem: Problem, plan: Plan) -> int:
+    rigid = problem.params.rigid
+    bodies = 0 if rigid is None else len(rigid.mass)
+    return int((problem.model.elements.count + BODY * bodies) * plan.frames * plan.every)
 
 
 def _refused(problem: Problem, plan: Plan) -> str | None:

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.fitting.engines import Engine, chosen
+from jaxfem.fitting.engines import Engine, chosen, short
 from jaxfem.fitting.objective import Outcome, Plan, Problem
 from jaxfem.fitting.priors import Priors
 from jaxfem.fitting.unknowns import Unknowns
@@ -23,7 +23,7 @@ BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 @dataclasses.dataclass(frozen=True)
 class Visit:
     """One evaluation: `stage`, `iteration` (counted through the whole fit), `loss`, `values` of the parameters;
-    `derivatives`: whether the Jacobian was made too."""
+    `derivatives`: whether the Jacobian was asked for too."""
 
     stage: str
     iteration: int
@@ -56,7 +56,7 @@ class Piece:
 
     def on(self, problem: Problem) -> "Piece":
         """The same with another problem; what engines know of a scene is of one model."""
-        engine = self.engine if problem.model is self.problem.model else Engine()
+        engine = self.engine if problem.model is self.problem.model else Engine(whole=short([(problem, self.plan)]))
         return dataclasses.replace(self, problem=problem, engine=engine)
 
     def residuals(self, z: np.ndarray) -> tuple[Any, Outcome]:
@@ -130,6 +130,7 @@ class Evaluator:
         self.samples = int(sum(np.count_nonzero(np.asarray(each.problem.weights)) for each in pieces))
         self.step_failures = 0
         self.last: tuple[np.ndarray, Linear] | None = None
+        self.made = -1  # which visit made the last derivatives
         self.near: Near | None = None
 
     def take(self, engine: str, starts: int) -> str:
@@ -139,6 +140,11 @@ class Evaluator:
             dataclasses.replace(piece, engine=own) for piece, own in zip(self.pieces, engines, strict=True)
         )
         return reason
+
+    @property
+    def whole(self) -> bool:
+        """Whether derivatives come with all residuals."""
+        return all(piece.engine.whole for piece in self.pieces)
 
     def with_steps(self, every: int) -> "Evaluator":
         """The same fit with `every` steps a saved frame; the history is shared."""
@@ -162,6 +168,9 @@ class Evaluator:
         """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
         if self.last is not None and np.array_equal(self.last[0], z):
             return self.last[1][0], self.last[1][2]
+        if self.whole:
+            r, _, outcomes = self._linear(z, asked=False)
+            return r, outcomes
         found = [each.residuals(z) for each in self.pieces]
         r = [_or_infinite(each, outcome) for each, outcome in found]
         return self._seen(z, r, [outcome for _, outcome in found]), [outcome for _, outcome in found]
@@ -169,12 +178,17 @@ class Evaluator:
     def linear(self, z: np.ndarray) -> Linear:
         """Residuals, Jacobians and side results at z; where they were made last, those."""
         if self.last is not None and np.array_equal(self.last[0], z):
+            self.history[self.made] = dataclasses.replace(self.history[self.made], derivatives=True)
             return self.last[1]
+        return self._linear(z, asked=True)
+
+    def _linear(self, z: np.ndarray, asked: bool) -> Linear:
         found = [each.linearised(z) for each in self.pieces]
         outcomes = [outcome for *_, outcome in found]
         r = [_or_infinite(each, outcome) for each, _, outcome in found]
         jacobians = [piece.spread(own, z.size) for piece, (_, own, _) in zip(self.pieces, found, strict=True)]
-        self.last = np.array(z), (self._seen(z, r, outcomes, derivatives=True), jacobians, outcomes)
+        self.last = np.array(z), (self._seen(z, r, outcomes, asked), jacobians, outcomes)
+        self.made = len(self.history) - 1
         return self.last[1]
 
     def together(self, points: Sequence[np.ndarray], derivatives: bool) -> list[Any]:

@@ -79,7 +79,7 @@ def sample(
             raise FitError(f"{name} is {count!r}: give a whole number from {least} up")
     blackjax = blackjax_or_error()
     evaluator, best = _solution(result)
-    data, density = _data(evaluator, best), _density(evaluator)
+    data, density = _data(evaluator, best), _density(evaluator, kind)
     tune, first, run = _programs(blackjax, density, kind, warmup)
     keys = jax.random.split(jax.random.key(seed), 3)
     size, dtype = len(best.z), data.z0.dtype
@@ -149,8 +149,9 @@ def _data(evaluator: Evaluator, best: Judged) -> Data:
     )
 
 
-def _density(evaluator: Evaluator) -> Callable[[Array, Data], Array]:
-    """(u, data) -> log density; its gradient is made forwards, with the simulation, of which nothing has to be kept."""
+def _density(evaluator: Evaluator, kind: str) -> Callable[[Array, Data], Array]:
+    """(u, data) -> log density; its gradient is made forwards, with the simulation, of which nothing has to be kept.
+    A walk asks for none."""
     constants = evaluator.unknowns.constants
     priors = dict(evaluator.priors.known) if evaluator.priors else {}
     beside = [(each.columns, each.constants) for each in evaluator.priors.data] if evaluator.priors else []
@@ -183,7 +184,7 @@ def _density(evaluator: Evaluator) -> Callable[[Array, Data], Array]:
         gradient = jnp.where(jnp.isfinite(gradient), gradient, 0)
         return jax.lax.stop_gradient(level) + jax.lax.stop_gradient(gradient) @ (u - at)
 
-    return density
+    return value if kind == "walk" else density
 
 
 def _programs(blackjax: Any, density: Callable[[Array, Data], Array], kind: str, warmup: int) -> Any:

@@ -12,7 +12,7 @@ import numpy as np
 
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.evaluation import Evaluator
-from jaxfem.fitting.weighting import Smoothed, Weighting, smoother
+from jaxfem.fitting.weighting import Plain, Smoothed, Weighting, smoother
 
 if TYPE_CHECKING:  # slow to import: only where its steps are asked for
     import optax
@@ -21,6 +21,8 @@ SCAN_RATIO = 2.0
 JUMPS = 6
 SAME = 0.02
 """Of z: starts of a descent that are nearer to each other lead to one place."""
+IN_STEP = (2 * np.sin(np.pi / 12)) ** 2
+"""Square of what a lag of a twelfth of a cycle leaves of an oscillation."""
 TOO_FAR = 3.0  # times the measured excursion: softer values need not be tried
 
 
@@ -54,9 +56,10 @@ def find(evaluator: Evaluator, starts: list[np.ndarray], search: Search) -> np.n
             continue  # two candidates of one minimum
         begun.append(z)
         evaluator.stage = "descent"
-        z = _descend(evaluator, z, short, search)
-        z, loss = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3, sure=False)
-        ends.append((loss, tuple(z)))
+        if search.descent or not _in_step(evaluator, z, short):
+            z = _descend(evaluator, z, short, search)
+            z, _ = levenberg_marquardt(evaluator, z, 8, short, tol=1e-3, sure=False)
+        ends.append((evaluator.loss(short.residual(evaluator.residual(z)[0])), tuple(z)))
     evaluator.stage = "polish"
     best, lowest = np.array(picked[0][1]), np.inf
     for k, (_, end) in enumerate(sorted(ends)):
@@ -156,6 +159,25 @@ def _coarse(evaluator: Evaluator, z: np.ndarray, smooth: Weighting) -> np.ndarra
     """Only the stiffness, on strongly smoothed residuals: what they say of the rest is little."""
     chosen = np.arange(z.size) == evaluator.unknowns.scanned
     return levenberg_marquardt(evaluator, z, 4, smooth, chosen=chosen, tol=1e-2, sure=False)[0] if chosen.any() else z
+
+
+def _in_step(evaluator: Evaluator, z: np.ndarray, short: Smoothed) -> bool:
+    """Whether the simulation at z rings with the recording all along.
+
+    Of what averages over a short time leave out, less is off than a lag of a twelfth of a cycle makes. Averages then
+    have no other minimum to lead to, and tell damping and delay worse than the ringing does.
+    """
+    r, outcomes = evaluator.residual(z)
+    if evaluator.unknowns.scanned is None or not all(np.isfinite(each).all() for each in r):
+        return False
+    motions = []
+    for piece, outcome in zip(evaluator.pieces, outcomes, strict=True):
+        weights = np.asarray(piece.problem.weights, np.float64)
+        places, seen = np.asarray(outcome.measured, np.float64), weights > 0
+        mean = np.where(seen, places, 0.0).sum(axis=0) / np.maximum(seen.sum(axis=0), 1)
+        motions.append(np.where(seen, weights * (places - mean), 0.0))
+    off, there = (np.sum((Plain().residual(each) - short.residual(each)) ** 2) for each in (r, motions))
+    return bool(off < IN_STEP * there)
 
 
 def _descend(evaluator: Evaluator, z: np.ndarray, smooth: Weighting, search: Search) -> np.ndarray:

@@ -1,5 +1,7 @@
 """Draws from the posterior: those of a line are the ones that a formula gives; a fit's stand in its files."""
 
+import functools
+
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -12,7 +14,7 @@ from jaxfem.fitting.weighting import Plain, Weighed, Whitened
 from jaxfem.io.fit_json import as_json
 from jaxfem.io.fit_search_page import posterior_part
 
-DT, ROWS, NOISE = 0.02, 20, 2e-3
+DT, ROWS, NOISE = 0.04, 10, 2e-3
 
 
 def test_squares_that_jax_can_trace_are_those_of_the_fit():
@@ -35,7 +37,8 @@ def test_scores_of_priors_are_their_rows():
         assert float(prior.score(jnp.asarray(2.6))) == pytest.approx(prior.row(2.6)[0])
 
 
-def flying(noise, priors=None, start=None):
+@functools.cache
+def flying(correlation, prior=None):
     """A ball that is thrown along x, and whose speed and place are fitted: a line, of which all is known."""
     ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0), velocity=(0.5, 0, 0), name="ball")
     model, params, state = jf.build(jf.Scene([ball], gravity=(0, 0, 0)))
@@ -48,6 +51,9 @@ def flying(noise, priors=None, start=None):
     )
     take = Take(model, params, state, recording, places, DT, compare="position", release=0.0)
     names = ["velocity.ball.x", "place.ball.x"]
+    known = correlation == "white"
+    noise = Noise(sigma=NOISE if known else None, known=known, correlation=correlation)
+    priors = {"velocity.ball.x": prior} if prior else None
     return fit_takes([take], parameters=names, noise=noise, priors=priors, search=Search(candidates=1, polish=6))
 
 
@@ -56,7 +62,7 @@ def flying(noise, priors=None, start=None):
 def test_draws_of_a_line_are_those_of_the_formula(kind):
     """Least squares of a line with known noise and a Gaussian prior of the speed: the posterior is Gaussian."""
     pytest.importorskip("blackjax")
-    result = flying(Noise(sigma=NOISE, known=True, correlation="white"), {"velocity.ball.x": Gaussian(0.49, 5e-3)})
+    result = flying("white", Gaussian(0.49, 5e-3))
     found = posterior.sample(result, 200 if kind == "nuts" else 1500, kind=kind, chains=4).posterior
     times = DT * np.arange(ROWS + 1)
     columns = np.repeat(np.stack([times, np.ones_like(times)]), 2, axis=1) / NOISE  # two markers
@@ -73,15 +79,15 @@ def test_draws_of_a_line_are_those_of_the_formula(kind):
 @pytest.mark.slow
 def test_draws_stand_in_files_and_page():
     pytest.importorskip("blackjax")
-    result = posterior.sample(flying(Noise(correlation="ar")), 60, warmup=40, chains=2, seed=2)
+    result = posterior.sample(flying("ar"), 600, kind="walk", chains=2, seed=2)
     told = as_json(result)["posterior"]
-    assert len(told["draws"]["place.ball.x"]) == 120 and told["kind"] == "nuts"
+    assert len(told["draws"]["place.ball.x"]) == 1200 and told["kind"] == "walk"
     low, high = told["intervals_95"]["velocity.ball.x"]
     assert low < result.values["velocity.ball.x"] < high
     assert high - low == pytest.approx(np.diff(result.intervals["velocity.ball.x"])[0], rel=0.5)
     assert "posterior of place.ball.x: mean" in result.summary()
     part = "".join(posterior_part(result))
-    assert 'id="posterior"' in part and part.count("<svg") == 2 and "2 chains of 60 draws" in part
+    assert 'id="posterior"' in part and part.count("<svg") == 2 and "2 chains of 600 draws" in part
 
 
 def test_impossible_asks_are_refused():

@@ -38,7 +38,7 @@ class Beam:
         self.clean = np.concatenate([first, marker_positions(self.markers, states.positions)])
         self.largest = np.abs(self.clean - self.clean[0]).max()
 
-    def recording(self, noise=0.0, still=0, seed=0):
+    def recording(self, noise=0.0, still=30, seed=0):
         positions = np.concatenate([np.repeat(self.clean[:1], still, axis=0), self.clean])
         positions = positions + noise * self.largest * np.random.default_rng(seed).normal(size=positions.shape)
         return Recording(np.arange(len(positions)) * DT, positions, tuple(PLACES))
@@ -57,13 +57,15 @@ def errors(result):
     return {name: abs(value / TRUE[name] - 1) for name, value in result.values.items()}
 
 
-@pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
-def test_exact_data_give_exact_values_from_far_off(beam, start):
-    result = beam.fit(beam.recording(), start)
-    assert max(errors(result).values()) < 1e-5
-    assert (
-        result.status == "converged" and result.noise < 1e-9 and result.iterations <= 7
-    )  # 10 with new derivatives a step
+@pytest.mark.parametrize(
+    ("start", "corrected"), [(FAR_OFF[0], False), (FAR_OFF[1], True)], ids=["stiff", "soft, derivatives corrected"]
+)
+def test_exact_data_give_exact_values_from_far_off(beam, start, corrected, monkeypatch):
+    if corrected:  # as where simulations take longer than compiling
+        monkeypatch.setattr("jaxfem.fitting.engines.SHORT", 0)
+    result = beam.fit(beam.recording(), start)  # released after row 30, which is found
+    assert result.release == pytest.approx(0.3) and max(errors(result).values()) < 1e-5
+    assert result.status == "converged" and result.noise < 1e-9 and result.iterations <= (7 if corrected else 10)
     assert float(result.params.young) == pytest.approx(result.values["young"])
     assert any("omega dt / 2" in text for text in result.warnings)  # the step damps five times more than the material
 
@@ -72,7 +74,7 @@ def test_exact_data_give_exact_values_from_far_off(beam, start):
 @pytest.mark.parametrize("start", FAR_OFF, ids=["stiff", "soft"])
 def test_noisy_data_give_values_within_their_error_bars(beam, start):
     # 1 % of the largest displacement: young and poisson to 3 %; damping to what 10 ms steps, five times it, leave of it
-    result = beam.fit(beam.recording(noise=0.01, still=30, seed=3), start, release=0.3)
+    result = beam.fit(beam.recording(noise=0.01, seed=3), start, release=0.3)
     off = errors(result)
     assert off["young"] < 0.03 and off["poisson"] < 0.03 and off["damping"] < 0.15
     for name, value in result.values.items():
@@ -82,7 +84,7 @@ def test_noisy_data_give_values_within_their_error_bars(beam, start):
 
 @pytest.mark.slow
 def test_missing_samples_and_an_unknown_camera(beam):
-    recording = beam.recording(still=30)
+    recording = beam.recording()
     positions = recording.positions
     positions[np.random.default_rng(4).random(positions.shape[:2]) < 0.15] = np.nan
     positions[50:, 3] = np.nan  # a marker that falls off
@@ -138,7 +140,7 @@ def test_bad_recordings_are_refused_before_the_search(beam):
         with pytest.raises(FitError, match=message):
             beam.fit(recording, FAR_OFF[0], progress=none_asked_for, **settings)
 
-    good = beam.recording(still=30)
+    good = beam.recording()
     first = good.positions[:1]
     displaced = good.positions - first
     refused(Recording(good.times, 1e3 * good.positions, good.names), "in mm instead of m")
@@ -146,7 +148,6 @@ def test_bad_recordings_are_refused_before_the_search(beam):
     refused(Recording(good.times, first - displaced, good.names), "the markers move against .* turn the sign")
     opposed = displaced * np.where(np.arange(5) == 0, -1, 1)[:, None]
     refused(Recording(good.times, first + opposed, good.names), '"tip" moves against')
-    refused(good, "only young/density can be found", parameters=("young", "density", "damping"))
     refused(good, "the start of young, 1e.07, is outside", bounds={"young": (1e4, 1e6)}, starts=[{"young": 1e7}])
 
 
@@ -158,7 +159,7 @@ def test_pixels_of_one_camera_give_the_stiffness(beam):
         np.array([[1.0, 0, 0], [0, 0, -1], [0, 1, 0]]),
     )
     camera = sharp @ np.hstack([turn, -turn @ [[0.05], [-0.5], [0.02]]])
-    good = beam.recording(still=30)
+    good = beam.recording()
     seen = good.positions @ camera[:, :3].T + camera[:, 3]
     places = np.concatenate([seen[..., :2] / seen[..., 2:], 0 * seen[..., :1]], axis=-1)
     places += np.random.default_rng(0).normal(size=places.shape) * [0.3, 0.3, 0]
@@ -179,7 +180,7 @@ def test_pixels_of_one_camera_give_the_stiffness(beam):
 
 @pytest.mark.slow
 def test_what_was_repaired_is_said_and_does_no_harm(beam):
-    recording = beam.recording(still=30)
+    recording = beam.recording()
     recording.positions[40:45, 0] = 0.0
     recording.positions[60, 1, 2] += 0.05
     result = beam.fit(recording, {}, release=0.3)
