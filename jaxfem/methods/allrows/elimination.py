@@ -47,7 +47,6 @@ class _Found(Pytree):
 class _Round(Pytree):
     found: _Found
     sides: Impulses
-    best: _Found  # of those within the bounds the one with the least energy
     size: Array
     changed: Array
     fewest: Array  # rows that wanted to change sides in a round
@@ -81,9 +80,8 @@ def search_by_elimination(
         changed = (count > 0) & bounded
         patience = jnp.where(count < last.fewest, PATIENT, last.patience - 1)
         sides = trees.where(patience > 0, sides, _first_changed(sides, last.sides))
-        best = _lower(system, inverse, last.best, found, bounds)
-        fewest, made = jnp.minimum(last.fewest, count), last.products + products + 2
-        return _Round(found, sides, best, size, changed, fewest, patience, last.rounds + 1, made)
+        fewest, made = jnp.minimum(last.fewest, count), last.products + products + 1
+        return _Round(found, sides, size, changed, fewest, patience, last.rounds + 1, made)
 
     def running(s: _Round) -> Array:
         more: Array = s.changed & (s.rounds < ROUNDS) & (s.products < most)
@@ -92,7 +90,7 @@ def search_by_elimination(
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, right)
     counts = jnp.int32(trees.size(guess) + 1), jnp.int32(PATIENT), zero, zero
-    first = _Round(nothing, sides_of(bounds, guess), at(_clipped(guess, bounds)), scale, jnp.bool_(True), *counts)
+    first = _Round(nothing, sides_of(bounds, guess), scale, jnp.bool_(True), *counts)
     end = jax.lax.while_loop(running, trip, first) if bounded else trip(first)
     impulses = _clipped(end.found.impulses, bounds)
     change = trees.minus(impulses, end.found.impulses)
@@ -103,10 +101,14 @@ def search_by_elimination(
         return impulses, velocities, info
 
     def go_on() -> tuple[Impulses, Array, SolveInfo]:
+        # Neither an active set that circles nor MPRGP goes down all the way: what is worse than the start is dropped.
+        begun = at(_clipped(guess, bounds))
+        best = _lower(begun, _measured(system, impulses, velocities))
         stop = {"tol": wanted / jnp.where(scale > 0, scale, 1)}
         stop["max_iterations"] = jnp.where(info.status == 0, 0, most - end.products)
-        further, after = mprgp_loop(operator.apply, right, *bounds, x0=end.best.impulses, diagonal=diagonal, **stop)
-        return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
+        further, after = mprgp_loop(operator.apply, right, *bounds, x0=best.impulses, diagonal=diagonal, **stop)
+        best = trees.where(after.status == 0, at(further), _lower(best, at(further)))
+        return best.impulses, best.velocities, after.replace(iterations=after.iterations + end.products)
 
     found: tuple[Impulses, Array, SolveInfo] = jax.lax.cond(
         info.status == 0, lambda: (impulses, velocities, info), go_on
@@ -182,15 +184,12 @@ def _refined(
     return found, trees.norm(residual), trips
 
 
-def _lower(system: System, inverse: Any, best: _Found, found: _Found, bounds: Bounds) -> _Found:
-    """What was found, put into the bounds, where its energy 1/2 lam' A lam - b' lam is less than that of the best."""
-    there = _clipped(found.impulses, bounds)
-    push = pushed(system, trees.minus(there, found.impulses))
-    here = _measured(system, there, found.velocities + apply_inverse_mass(inverse, push))
-    step = trees.minus(there, best.impulses)
+def _lower(best: _Found, found: _Found) -> _Found:
+    """The one of the lower energy 1/2 lam' A lam - b' lam, `best` where the other is not finite."""
+    step = trees.minus(found.impulses, best.impulses)
     # The energy is quadratic, and its slope less the residual: what it falls by is known without cancellation.
-    fall = trees.dot(best.residual, step) + trees.dot(here.residual, step)
-    return trees.where(fall > 0, here, best)
+    fall = trees.dot(best.residual, step) + trees.dot(found.residual, step)
+    return trees.where(fall > 0, found, best)
 
 
 def _first_changed(sides: Impulses, old: Impulses) -> Impulses:
