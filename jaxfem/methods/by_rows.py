@@ -65,8 +65,9 @@ class RowMethod(Method):
     ) -> tuple[State, StepInfo]:
         """Make the system, solve it, and move everything with the velocities found."""
 
-        def once(impulses: Impulses | None) -> Ended:
+        def once(impulses: Impulses | None, spent: Array) -> Ended:
             system = system_of(model, params, state, dt, forces, impulses)
+            system = system.replace(max_iterations=system.max_iterations - spent)
             solved = self.solve(system, model.plan, cache, velocities_of(state), impulses)
             self._check(system, solved)
             solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
@@ -74,7 +75,8 @@ class RowMethod(Method):
             gave = gave_way(model, system, solved.impulses or {}, dt)
             return Ended(solved, missed, gave, system.impact, system.passed, system.spin, system.pulled)
 
-        found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory)
+        none = jnp.int32(0)
+        found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory, none)
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
         status = info.status
         if model.joints:
@@ -107,9 +109,10 @@ class RowMethod(Method):
 
 
 def with_fresh_pull(
-    model: Model, params: Params, state: State, dt: Array, once: Callable[[Impulses | None], Ended]
+    model: Model, params: Params, state: State, dt: Array, once: Callable[[Impulses | None, Array], Ended]
 ) -> Ended:
-    """`once(impulses)`, a step's solution with the geometric stiffness of those impulses, and again where it must be.
+    """`once(impulses, spent)`, a step's solution with the geometric stiffness of those impulses, and again where it
+    must be; `spent`: the iterations that earlier ones took of the step's limit.
 
     A loop, in which what is not needed is passed over, so that the step is compiled once.
     """
@@ -119,7 +122,7 @@ def with_fresh_pull(
         pull, last, due = carry
 
         def again(pull: Impulses, last: Ended) -> tuple[Ended, Array]:
-            found = once(pull)
+            found = once(pull, last.solved.info.iterations)
             info = found.solved.info
             info = info.replace(iterations=info.iterations + last.solved.info.iterations)
             fresh = found.solved.impulses
@@ -132,7 +135,9 @@ def with_fresh_pull(
         return (found.solved.impulses, found, due), None
 
     assert state.memory is not None
-    blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, state.memory))
+    blank = jax.tree.map(
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(once, state.memory, jnp.int32(0))
+    )
     start = (state.memory, blank, jnp.bool_(True))
     solution: Ended = jax.lax.scan(trip, start, None, length=PULL_ROUNDS)[0][1]
     return solution
