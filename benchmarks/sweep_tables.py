@@ -32,7 +32,7 @@ def gradients(figures):
     yield "| --- " * 8 + "|"
     share = 1e6 / figures["variants"] / figures["steps"]
     for name, each in figures.items():
-        if isinstance(each, dict):
+        if isinstance(each, dict) and "batch_with_derivatives_s" in each:  # older figures have other names
             size, bits, way = name.split()
             times = f"{share * each['batch_with_derivatives_s']:.3g}, {share * each['singles_s']:.3g}"
             ratios = f"{each['singles_over_batch_with_derivatives']:.1f} | {each['with_derivatives_over_batch']:.1f}"
