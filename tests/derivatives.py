@@ -39,16 +39,19 @@ def _arrays(values):
     return jax.tree.map(lambda value: jnp.asarray(value, jnp.result_type(value)), tuple(values))
 
 
-def check(loss, values, rtol=1e-6, h=1e-4, agree=1e-8, has_aux=False):
+def check(loss, values, rtol=1e-6, h=1e-4, agree=1e-8, has_aux=False, forwards=True):
     """Derivatives of `loss(*values)` in scalars: vjp = fourth-order differences to rtol, jvp = vjp to `agree`.
 
-    Returns the loss as its program gives it, for more values: see Parted, and there for `has_aux`.
+    Returns the loss as its program gives it, for more values: see Parted, and there for `has_aux`. Both ways go by one
+    rule: without `forwards` a third of the time is saved, where another test takes the same method forwards.
     """
     values = tuple(jnp.asarray(v, float) for v in values)
-    direction = tuple(jnp.asarray(v) for v in np.random.default_rng(0).uniform(0.5, 1.5, len(values)))
     parted = Parted(loss, has_aux)
-    forward, slopes = parted.forwards(*values, direction=direction), parted.backwards(*values)
-    np.testing.assert_allclose(forward, sum(s * d for s, d in zip(slopes, direction, strict=True)), rtol=agree)
+    slopes = parted.backwards(*values)
+    if forwards:
+        direction = tuple(jnp.asarray(v) for v in np.random.default_rng(0).uniform(0.5, 1.5, len(values)))
+        along = sum(s * d for s, d in zip(slopes, direction, strict=True))
+        np.testing.assert_allclose(parted.forwards(*values, direction=direction), along, rtol=agree)
 
     def at(i, k):
         found = parted(*(v + k * h * (i == j) for j, v in enumerate(values)))

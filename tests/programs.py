@@ -19,7 +19,12 @@ from jaxfem.cli.threads import one_blas_thread
 LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
 MOST_MEMORY = 5e9  # bytes a process
 # Together a quarter of the time that the defaults take; the programs are slower, which small scenes hardly show.
-QUICK_COMPILE = {"xla_backend_optimization_level": "0", "xla_cpu_use_fusion_emitters": "false"}
+# Parts that threads compile at once take a fifth more of all processors' time, and each has a worker of its own.
+QUICK_COMPILE = {
+    "xla_backend_optimization_level": "0",
+    "xla_cpu_use_fusion_emitters": "false",
+    "xla_cpu_parallel_codegen_split_count": "1",
+}
 
 
 def compile_quickly(environment: MutableMapping[str, str] = os.environ) -> None:

@@ -113,16 +113,16 @@ def prepared(file: SweepFile, engine: str, width: int | None, order: np.ndarray 
 
 
 def _whole(word: str) -> int:
-    """A whole number of at least 1; ValueError for what is none."""
-    if int(word) < 1:
+    """A whole number of at least 1."""
+    if not word.isdecimal() or int(word) < 1:
         raise argparse.ArgumentTypeError(f"{word} is no number of processes: give 1 or more")
     return int(word)
 
 
 def _share(word: str) -> tuple[int, int]:
-    """K of K/N, and N; ValueError for what is none."""
+    """K of K/N, and N."""
     first, _, among = word.partition("/")
-    if not 0 <= int(first) < int(among):
+    if not (first.isdecimal() and among.isdecimal() and int(first) < int(among)):
         raise argparse.ArgumentTypeError(f"{word} is no share: give K/N with K from 0 to N - 1")
     return int(first), int(among)
 

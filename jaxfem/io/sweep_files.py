@@ -25,6 +25,8 @@ TOP_KEYS = ("scene", "sweep", "values", "outputs", "output")
 SWEEP_KEYS = ("kind", "count", "seed", "table", "engine", "width", "processes", "derivatives")
 OUTPUT_KEYS = ("folder", "table", "arrays", "plots")
 KINDS = ("grid", "random", "latin_hypercube", "sobol", "table")
+DRAWN = ("random", "latin_hypercube", "sobol")
+TABLE, COUNT = "table", "count"
 
 
 @dataclasses.dataclass(frozen=True)
@@ -116,20 +118,29 @@ def _seed(settings: Table) -> int:
 
 def _variants(settings: Table, values: Table, folder: Path) -> Variants:
     kind = settings.choice("kind", KINDS)
-    if kind == "table":
-        return table(folder / settings.text("table"))
+    _used(settings, kind, TABLE, kind == TABLE)
+    _used(settings, kind, COUNT, kind in DRAWN)
+    if kind == TABLE:
+        if values.values:
+            raise SceneFileError(f'[values] has no use with kind = "{kind}", whose file has them: remove it')
+        return table(folder / settings.text(TABLE))
     if not values.values:
         raise SceneFileError('[values] is missing or empty: name what varies, like young = [1e5, 1e6, "log"]')
     for name, given in values.values.items():
         numbers = given[:-1] if isinstance(given, list) and kind != "grid" and given[-1:] == ["log"] else given
         if not (isinstance(numbers, list) and numbers and all(is_number(each) for each in numbers)):
             raise values.wrong(
-                name, "a list of values" if kind == "grid" else 'two numbers, low and high, or with "log"'
+                name, "a list of finite numbers" if kind == "grid" else 'two numbers, low and high, or with "log"'
             )
     if kind == "grid":
         return grid(values.values)
     draw = {"random": random, "latin_hypercube": latin_hypercube, "sobol": sobol}[kind]
-    return draw(values.values, settings.integer("count"), _seed(settings))
+    return draw(values.values, settings.integer(COUNT), _seed(settings))
+
+
+def _used(settings: Table, kind: str, key: str, used: bool) -> None:
+    if key in settings and not used:
+        raise SceneFileError(f'{key!r} in {settings.where} has no use with kind = "{kind}": remove it')
 
 
 def _outputs(given: Table) -> dict[str, Taken]:

@@ -41,6 +41,7 @@ def sweep_template(scene: str = "scene.toml") -> str:
         line('"gravity[2]"', "[-12.0, -8.0]", "an entry"),
         line("# 'young[\"block\"]'", "[1e5, 1e6]", "of one body"),
         line("# dt", "[0.002, 0.005]", "s; also joints, contacts, rigid, loads, motions, state"),
+        line('# "contact.floor.friction"', "[0.1, 0.5]", "and other paths of fits"),
         "",
         "[outputs]",
         *_outputs(),

@@ -87,6 +87,9 @@ def _check_coupled(model: Model, params: Params) -> None:
 
 def check_rollout(steps: int, every: int, checkpoint: int | None) -> None:
     """Refuse numbers of steps that saved frames or checkpoints do not divide."""
+    for name, value in (("steps", steps), ("every", every)):
+        if isinstance(value, bool) or not isinstance(value, int | np.integer):
+            raise StepError(f"{name} is {value!r}; give a whole number")
     if steps < 1 or every < 1 or steps % every:
         raise StepError(f"steps = {steps} must be a positive multiple of every = {every}")
     if checkpoint is not None and (checkpoint < 1 or checkpoint % every or steps % checkpoint):

@@ -16,7 +16,7 @@ from jaxfem.sweeping.engines import ENGINES, Engine, Task
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.order import sorted_by
 from jaxfem.sweeping.outputs import measuring
-from jaxfem.sweeping.places import STEP, place_of, stacked
+from jaxfem.sweeping.places import STEP, check_places, place_of, stacked
 from jaxfem.sweeping.result import SweepResult, columns
 from jaxfem.sweeping.samples import Variants, checked
 
@@ -56,14 +56,15 @@ class Sweep:
         params, state = typed(model, params, state)
         self.variants: Variants = checked(variants)
         first = {name: each[0] for name, each in self.variants.items()}
-        check_call(model, params, state, first.get(STEP, dt))
+        check_call(model, params, state, dt)
         check_rollout(steps, every, None)
         places = [place_of(name, model, params, state, value) for name, value in first.items() if _takes(name, change)]
+        check_places(places)
         asked = _asked(derivatives, self.variants)
         measure = measuring(model, outputs)
         self.task = Task(model, params, state, dt, steps, every, tuple(places), measure, change, halvings, asked)
         self.dtype = model.rest.dtype
-        self.devices = tuple(devices or jax.local_devices())
+        self.devices = _devices(devices)
         self.engine, self.reason = chosen(self.task, engine, self.devices)
         self.count = len(next(iter(self.variants.values())))
         self._kept, self._states = self._bytes()
@@ -120,9 +121,9 @@ class Sweep:
     def _width(self, asked: int | None) -> int:
         """Lanes a device and chunk: what was asked for, or the engine's, as far as there are variants and memory."""
         if asked is not None:
-            if isinstance(asked, bool) or not isinstance(asked, int) or asked < 1:
+            if isinstance(asked, bool) or not isinstance(asked, int | np.integer) or asked < 1:
                 raise SweepError(f"width is {asked!r}; give how many variants a chunk, a whole number of at least 1")
-            return asked
+            return int(asked)
         most = min(self.engine.widest(self.task, self.devices[0].platform), -(-self.count // len(self.devices)))
         while most > 1 and most * self._kept + self.engine.states_at_once(most) * self._states > ROOM:
             most //= 2
@@ -152,6 +153,15 @@ def _named(variants: Variants, outputs: Mapping[str, Any], told: Mapping[str, An
 def _takes(name: str, change: Any) -> bool:
     """Whether a variable has a place of its own; those of a user's `change` are his, but for the known ones."""
     return change is None or name == STEP
+
+
+def _devices(given: Sequence[Any] | None) -> tuple[Any, ...]:
+    """All of the process's where None is given."""
+    if given is None:
+        return tuple(jax.local_devices())
+    if not isinstance(given, Sequence) or not given or not all(isinstance(each, jax.Device) for each in given):
+        raise SweepError(f"devices are {given!r}; give some of jax.local_devices(), in a list")
+    return tuple(given)
 
 
 def _asked(names: Sequence[str], variants: Variants) -> tuple[str, ...]:

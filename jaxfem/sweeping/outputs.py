@@ -10,12 +10,12 @@ import numpy as np
 
 from jaxfem.declared.errors import SceneError
 from jaxfem.energies import energies
-from jaxfem.inputs import Number, Vector, takes
-from jaxfem.mesh import locate
+from jaxfem.inputs import Count, Vector, takes
+from jaxfem.mesh import MeshError, locate
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
-from jaxfem.stepping import impulses
+from jaxfem.stepping import StepError, impulses
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.tensors import contract
 from jaxfem.vibration import modes
@@ -76,7 +76,7 @@ class PointPath(Output, word="point"):
         if not model.bodies:
             raise SweepError(f"the point {tuple(self.point)} needs a soft body: the scene has none")
         rest, cells = np.asarray(model.rest, np.float64), np.asarray(model.elements.cells, np.int64)
-        place = np.asarray(self.point, float)
+        place = _place(self.point)
         elements, weights, off = locate(rest, cells, place[None])
         if off[0] > OUTSIDE * np.ptp(rest, axis=0).max():
             raise SweepError(f"the point {tuple(place.tolist())} lies {off[0]:.3g} m outside the bodies")
@@ -87,6 +87,16 @@ class PointPath(Output, word="point"):
             return found
 
         return path
+
+
+def _place(point: Any) -> np.ndarray:
+    try:
+        place = np.asarray(point, float)
+    except (TypeError, ValueError):
+        place = np.empty(0)
+    if place.shape != (3,) or not np.isfinite(place).all():
+        raise SweepError(f"the point is {point!r}; give x, y and z in metres")
+    return place
 
 
 @dataclasses.dataclass(frozen=True)
@@ -122,11 +132,13 @@ class ContactForces(Output, word="contact_forces"):
 class Frequencies(Output, word="frequencies"):
     """The `count` lowest natural frequencies (count,) [Hz] about the shape at the start."""
 
-    count: Any = dataclasses.field(default=3, metadata=takes(Number(positive=True)))
+    count: Any = dataclasses.field(default=3, metadata=takes(Count()))
     frames: ClassVar[bool] = False
 
     def measured(self, model: Model) -> Callable[[Observed], Any]:
         """As `jf.modes` finds them, which refuses what has none."""
+        if flaw := Count().flaw(self.count):
+            raise SweepError(f"count is {self.count!r}: {flaw}")
         count = int(self.count)
         return lambda run: modes(run.model, run.params, run.start, count)[0] / (2 * jnp.pi)
 
@@ -161,16 +173,17 @@ def measuring(model: Model, outputs: Mapping[str, Any]) -> Callable[[Observed], 
 
     Each is a function of an `Observed`, an `Output`, or the word of one that needs no more.
     """
-    if not outputs:
+    if not isinstance(outputs, Mapping) or not outputs:
         raise SweepError(
-            f"a sweep needs outputs: name -> a function of the run, or one of {', '.join(OUTPUTS.words())}"
+            f"outputs are {outputs!r}; a sweep needs outputs: name -> a function of the run, or one of "
+            f"{', '.join(OUTPUTS.words())}"
         )
     made = {name: _function(model, name, each) for name, each in outputs.items()}
 
     def all_of(run: Observed) -> dict[str, Array]:
         found = dict[str, Array]()
         for name, function in made.items():
-            value = function(run)
+            value = _asked(name, function, run)
             own = (
                 {f"{name}.{kind}": each for kind, each in value.items()}
                 if isinstance(value, Mapping)
@@ -185,6 +198,20 @@ def measuring(model: Model, outputs: Mapping[str, Any]) -> Callable[[Observed], 
     return all_of
 
 
+def _asked(name: str, function: Callable[[Observed], Any], run: Observed) -> Any:
+    """What a function answers; what one of the user's own raises is his, with a note that says where."""
+    try:
+        return function(run)
+    except StepError as problem:
+        raise SweepError(f'output "{name}": {problem}') from None
+    except Exception as problem:
+        problem.add_note(
+            f'in output "{name}" of a sweep: it takes one Observed run, and is compiled (jax.numpy in place of numpy, '
+            "jnp.where in place of if)"
+        )
+        raise
+
+
 def _numbers(name: str, value: Any) -> Array:
     try:
         return jnp.asarray(value)
@@ -194,6 +221,8 @@ def _numbers(name: str, value: Any) -> Array:
 
 
 def _function(model: Model, name: str, given: Any) -> Callable[[Observed], Any]:
+    if not isinstance(name, str) or not name:
+        raise SweepError(f"{name!r} is no name of an output: give a word, like tip")
     if isinstance(given, str):
         if given not in OUTPUTS:
             raise SweepError(f'output "{name}" is {given!r}; known are {", ".join(OUTPUTS.words())}')
@@ -201,11 +230,13 @@ def _function(model: Model, name: str, given: Any) -> Callable[[Observed], Any]:
             given = OUTPUTS[given].made()
         except TypeError as problem:
             raise SweepError(f'output "{name}" needs more than its word: {problem}') from None
+    if isinstance(given, type):
+        raise SweepError(f'output "{name}" is the class {given.__name__}: give one of it, {given.__name__}(...)')
     if hasattr(given, "measured"):
         try:
             measured: Callable[[Observed], Any] = given.measured(model)
             return measured
-        except (SweepError, SceneError) as problem:
+        except (SweepError, SceneError, MeshError) as problem:
             raise SweepError(f'output "{name}": {problem}') from None
     if not callable(given):
         raise SweepError(f'output "{name}" is {given!r}; give a function of the run, or one of the named outputs')

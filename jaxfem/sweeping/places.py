@@ -1,13 +1,13 @@
 """Where a variable goes: names such as "young", 'young["beam"]', "gravity[2]" or "state.velocities".
 
 Names are those by which Python reaches a number in `params`, with "state." before those of the state; behind a name may
-stand indices. `dt` is the time step.
+stand indices. `dt` is the time step. The paths of fits are names too, like contact.floor.friction and velocity.ball.x.
 """
 
 import dataclasses
 import difflib
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import jax
@@ -18,8 +18,8 @@ from jaxfem.model import Model, Params, State
 from jaxfem.ranges import ranges_of
 from jaxfem.sweeping.errors import SweepError
 
-STEP = "dt"
-_TOKEN = re.compile(r'\.?([A-Za-z_]\w*)|\[(\d+)\]|\["([^"]+)"\]')
+STEP, PATH = "dt", "path"
+_TOKEN = re.compile(r"""\.?([A-Za-z_]\w*)|\[(\d+)\]|\["([^"]+)"\]|\['([^']+)'\]""")
 Key = str | int
 
 
@@ -34,15 +34,22 @@ def known_names(model: Model, params: Params, state: State) -> dict[str, tuple[i
 
 @dataclasses.dataclass(frozen=True)
 class Place:
-    """A variable's place: of which `root` ("dt", "params" or "state"), and the `keys` that lead there."""
+    """A variable's place: of which `root` ("dt", "params", "state", "path"), the `keys` that lead there, of a path of
+    fits its `spot`."""
 
     name: str
     root: str
     keys: tuple[Key, ...]
+    spot: Any = None
 
 
 def place_of(name: str, model: Model, params: Params, state: State, value: np.ndarray) -> Place:
     """The place of a variable, of whose values (...) one is `value`; SweepError says what does not fit."""
+    paths = _paths(name, model, params, state)
+    if name in paths:
+        if np.shape(value) != ():
+            raise SweepError(f'"{name}" takes one number a variant, not an array of shape {np.shape(value)}')
+        return Place(name, PATH, (name,), paths[name].spot)
     keys = _keys(name)
     root = STEP if name == STEP else "state" if keys and keys[0] == "state" else "params"
     place = Place(name, root, keys[1:] if root == "state" else keys)
@@ -53,11 +60,32 @@ def place_of(name: str, model: Model, params: Params, state: State, value: np.nd
     try:
         placed(model, params, state, 1.0, [place], {name: jnp.asarray(value, model.rest.dtype)})
     except (AttributeError, KeyError, IndexError, TypeError) as problem:
-        names = known_names(model, params, state)
+        names = [*known_names(model, params, state), *paths]
         near = difflib.get_close_matches(name, names, n=1, cutoff=0.6)
         hint = f"did you mean {near[0]!r}?" if near else f"known are {', '.join(names)}"
         raise SweepError(f"there is nothing called {name!r} to sweep ({problem}): {hint}") from None
     return place
+
+
+def _paths(name: str, model: Model, params: Params, state: State) -> dict[str, Any]:
+    """The paths of fits, by name; none where the name is no such path at first sight."""
+    first, dot, _ = name.partition(".")
+    if not dot or first == "state" or first in params.constants:
+        return {}
+    from jaxfem.fitting.paths import placed_constants  # which takes lanes from here
+
+    return dict(placed_constants(model, params, state))
+
+
+def check_places(places: Sequence[Place]) -> None:
+    """SweepError where the values of a variable would be lost, since one behind it sets all of the same number."""
+    for number, first in enumerate(places):
+        for second in places[number + 1 :]:
+            if first.root == second.root and first.keys[: len(second.keys)] == second.keys:
+                raise SweepError(
+                    f"the values of {first.name!r} would be lost: {second.name!r} behind it sets the same number; give "
+                    "the one of all before that of a part"
+                )
 
 
 def placed(
@@ -68,6 +96,8 @@ def placed(
         value = values[place.name]
         if place.root == STEP:
             dt = value
+        elif place.spot is not None:
+            params, state = place.spot.put(params, state, value)
         elif place.root == "state":
             state = _set(state, place.keys, value, place.name)
         elif place.keys[0] in params.constants:
@@ -101,6 +131,8 @@ def _constant(model: Model, held: Any, place: Place, value: Any) -> Any:
 def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
     """`tree` with the value where the keys lead."""
     if not keys:
+        if not _is_number(tree):
+            raise KeyError("it holds several numbers: name one of them")
         if np.shape(value) != np.shape(tree):
             raise SweepError(
                 f'the values of "{name}" have shape {np.shape(value)} a variant; there, {np.shape(tree)} is needed'
@@ -119,14 +151,21 @@ def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
     return held.at[first].set(_set(held[first], rest, value, name))
 
 
+def _is_number(tree: Any) -> bool:
+    """Whether that is one array, and no group of them."""
+    return isinstance(tree, int | float | jax.Array | np.ndarray | np.generic)
+
+
 def _keys(name: str) -> tuple[Key, ...]:
     keys, at = list[Key](), 0
     while at < len(name):
         match = _TOKEN.match(name, at)
         if match is None:
-            raise SweepError(f"{name!r} is no name of a number: write it like young, gravity[2] or loads[0][2]")
-        word, index, key = match.groups()
-        keys.append(int(index) if index is not None else word or key)
+            raise SweepError(
+                f'{name!r} is no name of a number: write it like young, young["beam"], gravity[2] or loads[0][2]'
+            )
+        word, index, *quoted = match.groups()
+        keys.append(int(index) if index is not None else word or quoted[0] or quoted[1])
         at = match.end()
     return tuple(keys)
 

@@ -38,16 +38,18 @@ class SweepResult:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """An output (V, ...) by its name."""
+        if name not in self.outputs:
+            raise SweepError(f"there is no output {name!r}: there are {', '.join(self.outputs)}")
         return self.outputs[name]
 
     def derivative(self, output: str, variable: str) -> np.ndarray:
         """Of an output in a variable that the sweep was asked to differentiate in, (V, *output, *variable)."""
-        return self.outputs[derivative_name(output, variable)]
+        return self[derivative_name(output, variable)]
 
     def samples(self, output: str) -> tuple[np.ndarray, np.ndarray]:
         """(X (g, d), Y (g, ...)) of the g variants that converged: what a surrogate of one's choice is fitted to."""
-        values = columns(self.variants)
-        return np.stack(list(values.values()), 1)[self.good], self.outputs[output][self.good]
+        values = [each.reshape(len(each), -1) for each in self.variants.values()]
+        return np.concatenate(values, 1)[self.good], self[output][self.good]
 
     @property
     def good(self) -> np.ndarray:

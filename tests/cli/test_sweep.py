@@ -173,6 +173,9 @@ def test_the_template_holds_every_key_and_can_be_run(tmp_path, monkeypatch):
         ('kind = "energies"', 'kind = "energy"', "did you mean 'energies'"),
         ('engine = "loop"', 'engine = "loops"', "did you mean 'loop'"),
         ("plots", "plot", "did you mean 'plots'"),
+        ('kind = "random"', 'kind = "grid"', "'count' in [sweep] has no use with kind = \"grid\""),
+        ("seed = 4", 'table = "values.csv"', "'table' in [sweep] has no use"),
+        ('kind = "random"\ncount = 75', 'kind = "table"\ntable = "values.csv"', "[values] has no use"),
     ],
 )
 def test_mistakes(files, capsys, old, new, message):

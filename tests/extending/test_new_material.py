@@ -47,15 +47,14 @@ def beam(strain="element", own=True, second=None, **settings):
 @pytest.mark.slow
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
 def test_it_moves_as_the_built_in_law_does_alone_and_beside_it(strain):
-    own, other, mixed = beam(strain), beam(strain, own=False), beam(strain, own=True, second=False)
+    own, mixed = beam(strain), beam(strain, own=True, second=False)
     assert len(mixed[0].domains) == 2 * len(own[0].domains)
     assert set(mixed[1].constants) == {"shear", "bulk", "loss", "young", "poisson", "damping", "density"}
-    paths = [jf.rollout(*scene, DT, 8)[0].positions for scene in (own, other, mixed)]
-    size = np.abs(paths[1] - other[2].positions).max()
-    assert size > 1e-3
-    np.testing.assert_allclose(paths[0], paths[1], atol=1e-12)
-    both = np.asarray(paths[2]) - np.asarray(mixed[2].positions)
-    np.testing.assert_allclose(both, np.concatenate([paths[0] - own[2].positions] * 2, axis=1), atol=1e-11)
+    alone, both = (np.asarray(jf.rollout(*s, DT, 8)[0].positions - s[2].positions) for s in (own, mixed))
+    assert np.abs(alone).max() > 1e-3
+    here, there = np.split(both, 2, axis=1)  # its body, and the built-in law's
+    np.testing.assert_allclose(here, there, atol=1e-12)
+    np.testing.assert_allclose(here, alone, atol=1e-11)
 
 
 def test_statics_modes_stress_and_energies_know_it():
@@ -82,7 +81,7 @@ def test_derivatives_in_its_constants():
         own = params.replace(shear=shear * OWN["shear"], bulk=bulk * OWN["bulk"], loss=loss * OWN["loss"])
         return 1e2 * jf.rollout(model, own, state, DT, 5)[0].positions[-1, -1, 2]
 
-    check(loss, (1.0, 1.1, 0.9))
+    check(loss, (1.0, 1.1, 0.9), forwards=False)
 
 
 def test_changing_its_constants_compiles_nothing():

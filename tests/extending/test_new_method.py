@@ -63,17 +63,18 @@ def test_it_steps_as_its_inner_method_and_remembers():
 
 @pytest.mark.slow
 def test_derivatives_and_lanes_go_through_it():
-    def height(scene, young):
-        model, params, state = scene
+    model, params, state = cube("counted")
+    model = model.replace(tolerance=jnp.asarray(1e-12))
+
+    def height(young):
         states, _ = jf.rollout(model, params.replace(young=young), state, 5e-3, 6)
         return jnp.mean(states.positions[-1, :, 2])
 
-    young = jnp.array([1e5, 2e5])
-    found, expected = (
-        jax.jit(jax.vmap(jax.grad(lambda e, s=s: height(s, e))))(young) for s in map(cube, (Counted(), "auto"))
-    )
-    assert jnp.abs(expected).min() > 0
-    np.testing.assert_allclose(found, expected, rtol=1e-12)
+    young, h = jnp.array([1e5, 2e5]), 1e2
+    found = jax.jit(jax.vmap(jax.grad(height)))(young)
+    differences = [(height(each + h) - height(each - h)) / (2 * h) for each in young]
+    assert np.abs(differences).min() > 0
+    np.testing.assert_allclose(found, differences, rtol=1e-5)
 
 
 def test_it_is_known_by_its_name_and_refuses_what_it_cannot_serve(tmp_path):

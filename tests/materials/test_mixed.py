@@ -37,7 +37,7 @@ def scene_of(laws, strain):
 @pytest.mark.slow
 @pytest.mark.parametrize("strain", ["element", "smoothed"])
 def test_bodies_of_several_laws_move_as_each_does_alone(strain):
-    laws = [*LAWS, jf.NeoHookean(**ELASTIC)] if strain == "element" else LAWS
+    laws = [*LAWS, jf.NeoHookean(**ELASTIC)] if strain == "element" else LAWS[::3]  # the first and the last
     model, params, state = scene_of(laws, strain)
     states, info = jf.rollout(model, params, state, DT, STEPS)
     assert not info.status.any() and int(info.counts["flowing"][-1]) > 0
@@ -59,7 +59,7 @@ def test_constants_of_all_laws_are_differentiable_at_once():
         end = jf.rollout(model, own, state, DT, 4)[0].positions[-1]
         return 1e3 * jnp.sum((end - state.positions)[:, 2] * jnp.sin(jnp.arange(len(end))))
 
-    check(loss, (1.0, 1.0, 1.0), h=1e-5)
+    check(loss, (1.0, 1.0, 1.0), h=1e-5, forwards=False)
 
 
 SCENE = """

@@ -149,7 +149,8 @@ def test_lanes_are_runs_of_their_own_and_derivatives_hold(strain):
         return 1e3 * jf.rollout(model, own, state, 1e-2, 4)[0].positions[-1, -1, 2]
 
     others = (0.02, 0.25, 0.3, 1.0)
-    run, shares = check(tip, (0.4, *others), h=1e-3 * 0.02), jnp.array([0.1, 0.4, 0.9])
+    run = check(tip, (0.4, *others), h=1e-3 * 0.02, forwards=strain == "element")
+    shares = jnp.array([0.1, 0.4, 0.9])
     np.testing.assert_allclose(jax.jit(jax.vmap(tip))(shares), [run(each, *others) for each in shares], atol=1e-9)
 
 

@@ -51,10 +51,10 @@ def test_derivatives_and_lanes():
         return 1e3 * end.positions[-1, -1, 2]
 
     values = (1.0, 0.3, 1.0, 2e-3, 1.5)
-    check(tip, values)
+    run = check(tip, values)
     lanes = [each * np.array(values) for each in (0.8, 1.3)]
     both = jax.jit(jax.vmap(tip))(*np.stack(lanes, 1))
-    np.testing.assert_allclose(both, [tip(*each) for each in lanes], rtol=1e-12)
+    np.testing.assert_allclose(both, [run(*each) for each in lanes], rtol=1e-10)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,7 @@
 """The condensed route with extra rows: the row solver's answer and derivative, on random scenes and at special ones."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -122,8 +124,9 @@ def test_a_row_that_touches_without_force_is_counted():
     model, params, state = free_beam(tolerance=1e-11)
     push, *_ = random_scene(2, model, params, state)[2]
     system = system_of(model, params, state, ())
-    free = solved(Condensed(), system, state).velocities
+    free = jax.jit(functools.partial(solved, Condensed()))(system, state).velocities
     touching = push.replace(bias=(push.apply(free) - 1.0).at[4].add(1.0))
     bounded = system_of(model, params, state, (touching,))
-    counts = [solved(method, bounded, state).info.weakly_active for method in (Condensed(), Mprgp())]
+    both = (jax.jit(functools.partial(solved, method)) for method in (Condensed(), Mprgp()))
+    counts = [each(bounded, state).info.weakly_active for each in both]
     assert counts == [1, 1]

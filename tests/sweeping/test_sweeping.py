@@ -63,12 +63,13 @@ def test_variants_are_rollouts_of_their_own(scene, tmp_path):
     np.testing.assert_array_equal(read["tip[1][2]"], result["tip"][:, 1, 2])
 
 
-def test_contacts_joints_and_engines_agree():
-    """A ball falls on a plate: vmap and one after another give the same, and the force on the plate is its weight."""
+def test_contacts_paths_and_engines_agree():
+    """A ball falls on a plate: vmap and one after another give the same, and the force on the plate is its weight. A
+    contact's friction and a body's speed are named as fits name them."""
     ball = jf.RigidBody(jf.Sphere(0.05), mass=0.2, position=(0, 0, 0.05), name="ball")
-    scene = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)))]))
+    scene = jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(normal=(0, 0, 1)), name="floor")]))
     (group,) = scene[0].contacts
-    variants = {"rigid.mass[0]": [0.1, 0.4], f'contacts["{group}"].friction[0]': [0.3, 0.5]}
+    variants = {"rigid.mass[0]": [0.1, 0.4], "contact.floor.friction": [0.0, 0.5], "velocity.ball.x": [0.1, 0.3]}
     variants = sweeping.table({name: np.array(each) for name, each in variants.items()})
     outputs = {"force": "contact_forces", "pose": "rigid"}
     made = [
@@ -78,7 +79,12 @@ def test_contacts_joints_and_engines_agree():
         assert result.good.all()
         np.testing.assert_allclose(result[f"force.{group}"][:, -1], 9.81 * variants["rigid.mass[0]"], rtol=1e-4)
     np.testing.assert_allclose(made[0]["pose.positions"], made[1]["pose.positions"], atol=1e-9)
+    moved = made[0]["pose.positions"][:, -1, 0, 0]
+    np.testing.assert_allclose(moved[0], 0.1 * DT * STEPS, rtol=1e-6)
+    assert 0 < moved[1] < 0.95 * 0.3 * DT * STEPS  # friction sets it rolling
     assert made[0].engine == "loop" and made[0].reason == "asked for"
+    with pytest.raises(jf.SweepError, match="there is no output 'push': there are force"):
+        made[0]["push"]
 
 
 def test_a_change_of_the_users_own(scene):
@@ -155,6 +161,22 @@ def test_tables_keep_every_bit(tmp_path):
         ({"derivatives": ["young"], "outputs": {"n": lambda run: run.infos.iterations}}, "floating-point"),
         ({"engine": "fast"}, "known are auto, "),
         ({"width": 0}, "whole number of at least 1"),
+        ({"variants": [1e5]}, "give a mapping from names"),
+        ({"variants": {"gravity.xx": [1.0]}}, "did you mean 'gravity.x'"),
+        ({"variants": {"gravity.x": [[1.0, 2.0]]}}, '"gravity.x" takes one number a variant'),
+        ({"variants": {"state": [1.0]}}, "holds several numbers"),
+        ({"variants": {"loads": [[0.0, 0.0, 1.0]]}}, "holds several numbers"),
+        ({"variants": {'young["beam"]': [1e5], "young": [2e5]}}, "would be lost: 'young' behind it"),
+        ({"outputs": "energies"}, "outputs are 'energies'; a sweep needs outputs"),
+        ({"outputs": {3: "energies"}}, "3 is no name of an output"),
+        ({"outputs": {"tip": PointPath}}, r"the class PointPath: give one of it"),
+        ({"outputs": {"tip": PointPath((0, np.nan, 0))}}, 'output "tip": the point is .* give x, y and z'),
+        ({"outputs": {"tip": PointPath("tip")}}, "give x, y and z"),
+        ({"outputs": {"f": sweeping.outputs.Frequencies(2.5)}}, 'output "f": count is 2.5: give a whole number'),
+        ({"outputs": {"f": sweeping.outputs.Frequencies(999)}}, 'output "f": count is 999'),
+        ({"change": lambda params, state, values: params}, "change gave a Params; give"),
+        ({"devices": []}, "give some of jax.local_devices"),
+        ({"devices": 2}, "give some of jax.local_devices"),
     ],
 )
 def test_mistakes(scene, changes, message):
@@ -163,7 +185,54 @@ def test_mistakes(scene, changes, message):
         jf.sweep(*scene, options.pop("variants"), dt=DT, steps=STEPS, **options)
 
 
+def test_an_output_that_raises_is_named(scene):
+    """What a user's own function raises is left, with a note; so is what it raises as it meets traced values."""
+    for own, error in ((lambda run: 1 / 0, ZeroDivisionError), (lambda run: float(run.last.time), TypeError)):
+        with pytest.raises(error) as raised:
+            sweeping.Sweep(*scene, {"young": [1e5]}, dt=DT, steps=STEPS, outputs={"mine": own})
+        assert 'in output "mine" of a sweep' in raised.value.__notes__[0]
+
+
+def test_a_step_that_cannot_be_is_its_variants_own(scene):
+    """The first one too; and names are written with either quotes, widths as NumPy's numbers."""
+    variants = {"dt": [-1.0, 5e-3], "young['beam']": [1e5, 1e5]}
+    made = sweeping.Sweep(*scene, variants, dt=DT, steps=STEPS, outputs={"e": "energies"}, width=np.int64(2))
+    assert made.width == 2 and made.task.places[1].keys == ("young", "beam")
+
+
 @pytest.mark.parametrize(("ranges", "count"), [({"a": (2, 1)}, 3), ({"a": (0, 1, "log")}, 3), ({"a": (0, 1)}, 0)])
 def test_mistakes_of_ranges(ranges, count):
     with pytest.raises(jf.SweepError):
         sweeping.random(ranges, count)
+
+
+@pytest.mark.parametrize(
+    ("draw", "message"),
+    [
+        (lambda: sweeping.grid({"a": ["soft"]}), "give a list of numbers"),
+        (lambda: sweeping.grid([1.0]), "give a mapping from names"),
+        (lambda: sweeping.grid({name: range(1000) for name in "abc"}), "1000000000 variants are more"),
+        (lambda: sweeping.random({"a": (0, 1)}, 10**13), "are more than"),
+        (lambda: sweeping.random({"a": (0, 1)}, 2, seed=-1), "seed is -1"),
+        (lambda: sweeping.latin_hypercube([("a", (0, 1))], 2), "give a mapping from names"),
+        (lambda: sweeping.table(None), "None is no table"),
+    ],
+)
+def test_mistakes_of_samples(draw, message):
+    with pytest.raises(jf.SweepError, match=message):
+        draw()
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "no variants"),
+        ("a,b\n\n1,2\n3\n", "line 4 .* has 1 cells, and the first one 2 names"),
+        ("a,b\n1,2\n3,\n", "\"b\" in line 3 .* is '', which is no number"),
+        ("a,a\n1,2\n", "names a variable twice"),
+    ],
+)
+def test_mistakes_of_tables(tmp_path, text, message):
+    (tmp_path / "t.csv").write_text(text)
+    with pytest.raises(jf.SweepError, match=message):
+        sweeping.table(tmp_path / "t.csv")

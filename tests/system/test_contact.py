@@ -251,7 +251,7 @@ def test_derivative_of_a_soft_bounce_in_its_stiffness():
         states, _ = jf.rollout(model, values, state, 5e-3, 12)
         return jnp.mean(states.positions[-1] @ jnp.array([0.2, 0.0, 1.0]))
 
-    derivatives.check(height, (1.0, 1.0, 1.0))
+    derivatives.check(height, (1.0, 1.0, 1.0), forwards=False)
 
 
 @pytest.mark.parametrize(

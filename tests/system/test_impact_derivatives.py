@@ -40,4 +40,4 @@ def test_derivatives_across_limits_ropes_and_bounces_of_what_is_held_are_those_o
         states, _ = jf.rollout(model, params, state.replace(rigid=rigid), 1 / 60, 24)
         return jnp.sum(states.rigid.positions[-1] * weights)
 
-    derivatives.check(end, (1.0, 1.0, 1.0))
+    derivatives.check(end, (1.0, 1.0, 1.0), forwards=False)

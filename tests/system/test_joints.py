@@ -249,7 +249,7 @@ def test_derivatives_through_a_motor_joint_and_a_compliant_one():
         states, _ = jf.rollout(model, values, state, 1e-2, 10)
         return states.rigid.positions[-1, 1, 2] + 0.1 * states.rigid.orientations[-1, 1, 2]
 
-    derivatives.check(end, (1.0, 1.0, 1.0))
+    derivatives.check(end, (1.0, 1.0, 1.0), forwards=False)
 
 
 @pytest.mark.parametrize(

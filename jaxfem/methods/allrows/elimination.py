@@ -2,7 +2,9 @@
 
 The rows found at a bound are held there, the others solved for exactly; then rows outside their bounds are put on them,
 and those that are held against their will let go (primal-dual active set: Hintermueller, Ito & Kunisch 2002). That ends
-after a few rounds, but not for certain. Where it has not, MPRGP goes on from there.
+after a few rounds, but may circle where rows are redundant. Then of the rows that want it the first changes sides
+alone, until fewer want to than ever before (block principal pivoting: Judice & Pires 1994). Where that takes too many
+rounds, MPRGP goes on from the best point within the bounds, which is no worse than the start.
 
 Velocities are carried along, v = v* + M^-1 J' lam: a residual c - J v - C lam measured on *them* knows no rounding of
 large impulses that cancel, only that of the last corrections. Single precision reaches 1e-5 so, where tension is great.
@@ -27,7 +29,8 @@ from jaxfem.system.soft import System, inverse_mass
 
 Array = jax.Array
 
-ROUNDS = 20
+ROUNDS = 150
+PATIENT = 5  # rounds in which no fewer rows than ever want to change sides, after which only one does
 REFINEMENTS = 30
 SLACK = 0.1  # of the tolerance: how far a row may be out of its bounds, or pull on them, without a change of sides
 ROUNDING = 4.0  # times the precision times the size of the velocities: a residual with nothing but rounding in it
@@ -44,8 +47,11 @@ class _Found(Pytree):
 class _Round(Pytree):
     found: _Found
     sides: Impulses
+    best: _Found  # of those within the bounds the one with the least energy
     size: Array
     changed: Array
+    fewest: Array  # rows that wanted to change sides in a round
+    patience: Array
     rounds: Array
     products: Array
 
@@ -71,9 +77,13 @@ def search_by_elimination(
         found, size, products = _refined(system, order, at(start), last.sides, diagonal, wanted, limit)
         sides = _judged(found, diagonal, last.sides, slack, bounds)
         pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
-        changed = jnp.stack([jnp.any(a != b) for a, b in pairs]).any()
-        changed = changed & bounded
-        return _Round(found, sides, size, changed, last.rounds + 1, last.products + products + 1)
+        count = sum((jnp.sum(a != b, dtype=jnp.int32) for a, b in pairs), start=jnp.int32(0))
+        changed = (count > 0) & bounded
+        patience = jnp.where(count < last.fewest, PATIENT, last.patience - 1)
+        sides = trees.where(patience > 0, sides, _first_changed(sides, last.sides))
+        best = _lower(system, inverse, last.best, found, bounds)
+        fewest, made = jnp.minimum(last.fewest, count), last.products + products + 2
+        return _Round(found, sides, best, size, changed, fewest, patience, last.rounds + 1, made)
 
     def running(s: _Round) -> Array:
         more: Array = s.changed & (s.rounds < ROUNDS) & (s.products < most)
@@ -81,7 +91,8 @@ def search_by_elimination(
 
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, right)
-    first = _Round(nothing, sides_of(bounds, guess), scale, jnp.bool_(True), zero, zero)
+    counts = jnp.int32(trees.size(guess) + 1), jnp.int32(PATIENT), zero, zero
+    first = _Round(nothing, sides_of(bounds, guess), at(_clipped(guess, bounds)), scale, jnp.bool_(True), *counts)
     end = jax.lax.while_loop(running, trip, first) if bounded else trip(first)
     impulses = _clipped(end.found.impulses, bounds)
     change = trees.minus(impulses, end.found.impulses)
@@ -92,10 +103,9 @@ def search_by_elimination(
         return impulses, velocities, info
 
     def go_on() -> tuple[Impulses, Array, SolveInfo]:
-        start = jax.tree.map(lambda lam: jnp.where(jnp.isfinite(lam), lam, 0), impulses)
         stop = {"tol": wanted / jnp.where(scale > 0, scale, 1)}
         stop["max_iterations"] = jnp.where(info.status == 0, 0, most - end.products)
-        further, after = mprgp_loop(operator.apply, right, *bounds, x0=start, diagonal=diagonal, **stop)
+        further, after = mprgp_loop(operator.apply, right, *bounds, x0=end.best.impulses, diagonal=diagonal, **stop)
         return further, at(further).velocities, after.replace(iterations=after.iterations + end.products)
 
     found: tuple[Impulses, Array, SolveInfo] = jax.lax.cond(
@@ -170,6 +180,28 @@ def _refined(
         running, trip, (found, first, first, trees.zeros(first), jnp.int32(0))
     )
     return found, trees.norm(residual), trips
+
+
+def _lower(system: System, inverse: Any, best: _Found, found: _Found, bounds: Bounds) -> _Found:
+    """What was found, put into the bounds, where its energy 1/2 lam' A lam - b' lam is less than that of the best."""
+    there = _clipped(found.impulses, bounds)
+    push = pushed(system, trees.minus(there, found.impulses))
+    here = _measured(system, there, found.velocities + apply_inverse_mass(inverse, push))
+    step = trees.minus(there, best.impulses)
+    # The energy is quadratic, and its slope less the residual: what it falls by is known without cancellation.
+    fall = trees.dot(best.residual, step) + trees.dot(here.residual, step)
+    return trees.where(fall > 0, here, best)
+
+
+def _first_changed(sides: Impulses, old: Impulses) -> Impulses:
+    """The old sides, but for the first row of those whose side is another."""
+    flat, before = (jnp.concatenate([each.reshape(-1) for each in tree.values()]) for tree in (sides, old))
+    first = jnp.arange(flat.size) == jnp.argmax(flat != before)
+    flat, parts, at = jnp.where(first, flat, before), [], 0
+    for each in sides.values():
+        parts.append(flat[at : at + each.size].reshape(each.shape))
+        at += each.size
+    return named(sides, parts)
 
 
 def _clipped(impulses: Impulses, bounds: Bounds) -> Impulses:

@@ -25,6 +25,9 @@ Array = jax.Array
 
 ROUNDING = 1.0
 """Times the precision and the size of the impulses: residuals of the rows have no digits below."""
+LIGHT = 0.03
+"""Times the root of the lightest mass over the heaviest: the loosest tolerance. Residuals are measured in energy, of
+which grams that carry a tonne have next to none: to a looser one they fly off, or sink into the ground."""
 
 
 class Mprgp(RowMethod):
@@ -72,6 +75,7 @@ class MprgpSearch:
 
     def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
         """Impulses and their sides."""
+        system = system.replace(tolerance=jnp.minimum(system.tolerance, _loosest(system)))
 
         def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
             found, info = mprgp_loop(
@@ -87,6 +91,17 @@ class MprgpSearch:
             return Found(found, sides_of(bounds, found), info)
 
         return with_friction(system, operator, guess, once, rounded=True)
+
+
+def _loosest(system: System) -> Array:
+    """See `LIGHT`; in single precision no tighter than what can be reached."""
+    rigid = 0 if system.inertia is None else system.inertia.shape[0]
+    last = system.mass.shape[0] - rigid  # masses of linear triples; those of angular ones follow
+    mass, free = system.mass[:last], system.free[:last] > 0
+    heavy = jnp.max(jnp.where(free, mass, 0))
+    share = jnp.min(jnp.where(free, mass, jnp.inf)) / jnp.where(heavy > 0, heavy, 1)
+    loosest: Array = jnp.maximum(LIGHT * jnp.sqrt(share), 100 * jnp.finfo(mass.dtype).eps)
+    return loosest
 
 
 @dataclasses.dataclass(frozen=True)

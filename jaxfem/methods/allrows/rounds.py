@@ -60,11 +60,12 @@ def with_friction(
 
     def trip(carry: Any) -> Any:
         last, radii, _, rounds, total = carry
-        last = last.impulses
-        fresh = wanted(last)
+        fresh = wanted(last.impulses)
         part = jnp.where(rounds < PLAIN_ROUNDS, 1.0, 0.5).astype(system.target.dtype)
         radii = jax.tree.map(lambda old, new: old + part * (new - old), radii, fresh)
-        found = once(last, row_bounds(system.rows, radii), system.max_iterations - total)
+        bounds = row_bounds(system.rows, radii)
+        # What was at a bound starts at the new one: left behind it would be let go, and all sides be sought anew.
+        found = once(placed(bounds, last.sides, last.impulses), bounds, system.max_iterations - total)
         return found, radii, unsettled(found, radii, rounds), rounds + 1, total + found.info.iterations
 
     def running(carry: Any) -> Array:

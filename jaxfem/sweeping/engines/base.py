@@ -7,10 +7,12 @@ from typing import Any, ClassVar
 import jax
 import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.registry import Registry
 from jaxfem.stepping import rollout
 from jaxfem.sweeping.derivatives import with_derivatives
+from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.outputs import Observed
 from jaxfem.sweeping.places import Place, placed
 
@@ -52,7 +54,15 @@ class Task:
         model, params, state = parts
         params, state, dt = placed(model, params, state, self.dt, list(self.places), values)
         if self.change is not None:
-            params, state = self.change(params, state, values)
+            made = self.change(params, state, values)
+            if not (
+                isinstance(made, tuple)
+                and len(made) == 2
+                and isinstance(made[0], Params)
+                and isinstance(made[1], State)
+            ):
+                raise SweepError(f"change gave {described(made)}; give (params, state), as it was given them")
+            params, state = made
         return params, state, dt
 
     def one(self, parts: tuple[Model, Params, State], values: dict[str, Array]) -> Kept:
