@@ -110,7 +110,7 @@ def chosen(asked: str, simulated: Simulated, starts: int) -> tuple[list[Engine],
     for problem, _ in simulated:
         if id(problem.model) not in bodies:
             bodies[id(problem.model)] = body_of(problem.model, problem.params)
-    engines: list[Engine] = [LanesLast(width, bodies[id(problem.model)]) for problem, _ in simulated]
+    engines: list[Engine] = [LanesLast(width, body=bodies[id(problem.model)]) for problem, _ in simulated]
     return engines, "asked for" if asked != AUTO else "soft bodies on CPUs"
 
 

@@ -117,8 +117,9 @@ def test_each_kind_tells_what_it_should_with_its_derivatives(beam, kind):
     if kind == "force at rest":
         assert [each.what for each in one.told(z)] == ["force on the support, z"]
         free = dataclasses.replace(datum, values=(np.nan, 0.0, -WEIGHT))
-        z[NAMES.index("load.0")] = beam.fitted["load.0"].transform.unknown(0.0)
-        np.testing.assert_allclose(beam.told(free)[0].rows(z)[0][1:], 0, atol=1e-6)
+        bare = z.copy()
+        bare[NAMES.index("load.0")] = beam.fitted["load.0"].transform.unknown(0.0)
+        np.testing.assert_allclose(beam.told(free)[0].rows(bare)[0][1:], 0, atol=1e-6)
     for k in range(2):
         step = np.zeros(3)
         step[k] = 1e-4
