@@ -49,7 +49,18 @@ def test_of_two_tries_that_is_taken_which_leaves_less(broken):
     first = SolveInfo(jnp.int32(Status.ITERATION_LIMIT), jnp.int32(9), jnp.asarray(1e-9), jnp.int32(0))
     second = SolveInfo(jnp.int32(0), jnp.int32(2), jnp.asarray(1e-8), jnp.int32(0))
     other = OrderedDict(a=good["a"] * (jnp.nan if broken else 1))
-    found, info = condition._retried(OrderedDict(a=1.5 * good["a"]), first, left, lambda: (other, second))
+    checked = condition._checked(OrderedDict(a=1.5 * good["a"]), first, left, jnp.asarray(1e-8))
+    found, info = condition._retried(*checked, left, lambda: (other, second))
     np.testing.assert_allclose(found["a"], good["a"] * (1.5 if broken else 1))
     assert int(info.status) == (Status.ITERATION_LIMIT if broken else Status.CONVERGED)
     assert float(info.residual) > 0.1 if broken else float(info.residual) < 1e-15
+
+
+@pytest.mark.parametrize(("told", "off", "status"), [(0, 1e-3, 1), (0, 1e-9, 0), (2, 1e-9, 2), (1, 1e-9, 1)])
+def test_a_solve_has_converged_where_it_says_so_and_leaves_little(told, off, status):
+    right, weights = OrderedDict(a=jnp.array([[1.0, 2.0]])), OrderedDict(a=jnp.ones((1, 2)))
+    left = partial(dense.left_over, lambda rows: rows, right, weights)
+    own = SolveInfo(jnp.int32(told), jnp.int32(9), jnp.asarray(1e-12), jnp.int32(0))
+    solution = OrderedDict(a=right["a"] * (1 + off))
+    found, info = condition._checked(solution, own, left, jnp.asarray(1e-8))
+    assert found is solution and int(info.status) == status and abs(float(info.residual) - off) < 1e-12

@@ -31,6 +31,8 @@ from jaxfem.system.soft import System
 Array = jax.Array
 
 TRACED = 1e-3  # of the trace of compliance: tolerance of derivatives with friction
+STILL = 10.0  # times the tolerance: what slides no faster, in the measure of residuals, does not slide
+MET = 10.0  # times the tolerance: the residual, not preconditioned, with which a derivative's solve has converged
 PATIENCE = 4  # iterations a row, where there are few rows, after which the matrix is eliminated
 
 
@@ -70,26 +72,51 @@ def solve_rows(system: System, plan: Any, guess: Impulses, search: Search) -> So
 
     def solve(system: System, plan: Any, guess: Impulses) -> tuple[Impulses, Any]:
         best = search.found(system, plan, row_operator(system), guess)
-        return best.impulses, (without_cones(system.friction, best.sides), best.velocities, best.info)
+        sides = without_cones(system.friction, best.sides)
+        impulses = placed_at_bounds(system.rows, system.friction, sides, best.impulses)
+        return impulses, (sides, best.velocities, best.info)
 
     def tangent(found: Impulses, rest: Any, arguments: tuple[System, Any, Impulses], pushed: Any) -> Any:
         system, plan, _ = arguments
-        sides = rest[0]
+        held = jax.lax.stop_gradient(system)
+        sides = _sliding(held, jax.lax.stop_gradient(found), rest[0])
         right = pushed(lambda system, plan, guess: _condition(system, sides, cone, search.cone, found))
-        return tangent_solution(
+        change = tangent_solution(
             partial(_condition, system, sides, cone, search.cone),
             found,
             right,
-            partial(_tangent, jax.lax.stop_gradient(system), plan, sides),
+            partial(_tangent, held, plan, sides),
             not system.friction,
         )
+        # What is at a bound follows it: by the system itself, and by the normal impulses of the solution.
+        bound = pushed(lambda system, plan, guess: placed_at_bounds(system.rows, system.friction, sides, found))
+        own = jax.jvp(partial(placed_at_bounds, system.rows, system.friction, sides), (found,), (change,))[1]
+        return trees.plus(bound, 1, own)
 
-    found, (sides, reached, info) = solved(solve, tangent, system, plan, jax.lax.stop_gradient(guess))
-    impulses = placed_at_bounds(system.rows, system.friction, sides, found)
+    impulses, (_, reached, info) = solved(solve, tangent, system, plan, jax.lax.stop_gradient(guess))
     velocities = velocities_from(system, impulses)
     if reached is not None:  # the same velocities, but for rounding
         velocities = velocities + jax.lax.stop_gradient(reached - velocities)
     return Solved(velocities, impulses, info)
+
+
+def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
+    """`sides`, with friction at a bound where nothing slides taken for friction between its bounds.
+
+    Of redundant points at rest, as the corners of a box, some may push against others with all that they can, and only
+    a trace of compliance says that they need not. Held at their bounds they would be said to follow these. What has no
+    room between its bounds, as where nothing presses, stays.
+    """
+    if not system.friction:
+        return sides
+    operator = row_operator(system)
+    speed, root = trees.minus(operator.apply(impulses), operator.right), jax.tree.map(jnp.sqrt, operator.diagonal)
+    least = STILL * system.tolerance * trees.norm(jax.tree.map(jnp.divide, operator.right, root))
+    moved = sides.copy()
+    for name in system.friction:
+        stuck = (jnp.abs(speed[name]) <= least * root[name]) & (impulses[name] != 0)
+        moved[name] = jnp.where(stuck, 0, sides[name])
+    return moved
 
 
 def _condition(system: System, sides: Impulses, cone: bool, every: bool, unknown: Impulses) -> Impulses:
@@ -138,20 +165,32 @@ def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Im
         few, limit = trees.size(vector) <= MOST, system.max_iterations
         if few:
             limit = jnp.minimum(limit, PATIENCE * trees.size(vector))
-        solution, info = bicgstab(matvec, vector, scaled, tol=tol, max_iterations=limit)
         coned = any(each.cone for each in system.friction.values())
         left = partial(left_over, matvec, vector, weights)
+        found = _checked(*bicgstab(matvec, vector, scaled, tol=tol, max_iterations=limit), left, system.tolerance)
         if few:
-            solution, info = _retried(solution, info, left, partial(by_elimination, matvec, vector, weights))
+            found = _retried(*found, left, partial(by_elimination, matvec, vector, weights))
         elif plan is not None and (coned or system.target.dtype.itemsize == 4):
             by_diagonal = partial(bicgstab, matvec, vector, _diagonal(weights), tol=tol, max_iterations=limit)
-            solution, info = _retried(solution, info, left, by_diagonal)
-        # Where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`).
-        good = info.status == int(Status.CONVERGED)
-        if few:
-            good = good | (info.residual <= jnp.sqrt(system.tolerance))
-    found: Impulses = jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
-    return found
+            found = _retried(*found, left, by_diagonal)
+        solution, info = found
+        good = info.residual <= jnp.sqrt(system.tolerance)
+        if not few:  # where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`)
+            good = good & (info.status == int(Status.CONVERGED))
+    certain: Impulses = jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
+    return certain
+
+
+def _checked(solution: Impulses, info: SolveInfo, left: Any, tolerance: Array) -> tuple[Impulses, SolveInfo]:
+    """The solution, with info of the residual that it leaves, `left`, instead of the preconditioned one.
+
+    The inverse on redundant rows carries what only their trace holds up to a million times its size. A residual that is
+    small beside that says nothing about all the others.
+    """
+    size = left(solution)
+    met = (info.status == int(Status.CONVERGED)) & (size <= MET * tolerance)
+    status = jnp.where(met | (info.status == int(Status.NOT_FINITE)), info.status, int(Status.ITERATION_LIMIT))
+    return solution, info.replace(residual=size, status=status.astype(jnp.int32))
 
 
 def _retried(solution: Impulses, info: SolveInfo, left: Any, again: Any) -> tuple[Impulses, SolveInfo]:
@@ -164,7 +203,7 @@ def _retried(solution: Impulses, info: SolveInfo, left: Any, again: Any) -> tupl
 
     def other(solution: Impulses, info: SolveInfo) -> tuple[Impulses, SolveInfo]:
         second, how = again()
-        info, how = info.replace(residual=left(solution)), how.replace(residual=left(second))
+        how = how.replace(residual=left(second))
         better = (how.residual <= info.residual) | ~jnp.isfinite(info.residual)
         found: tuple[Impulses, SolveInfo] = jax.tree.map(
             lambda new, old: jnp.where(better, new, old), (second, how), (solution, info)
