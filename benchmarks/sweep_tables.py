@@ -11,6 +11,11 @@ WAYS = {"forwards": "forwards in one constant, lanes against `jax.jvp` of rollou
 WAYS |= {"backwards": "backwards in four constants, lanes against `jax.grad`"}
 
 
+def rounded(number):
+    """Three digits, never as a power of ten."""
+    return f"{float(f'{number:.3g}'):.0f}" if number >= 100 else f"{number:.3g}"
+
+
 def engines(figures):
     """Time and error of each engine, size by size."""
     heads = "tetrahedra | precision | calls of `jf.rollout` | engine `vmap` | engine `lanes` | ratio to the calls"
@@ -19,7 +24,7 @@ def engines(figures):
     for name, each in figures.items():
         if isinstance(each, dict):
             ways = [each[way] for way in ("unbatched", "vmap", "lanes")]
-            times = " | ".join(f"{way['us_per_scene_step']:.3g}" for way in ways)
+            times = " | ".join(rounded(way["us_per_scene_step"]) for way in ways)
             errors = f"{ways[0]['error']:.1e}, {ways[-1]['error']:.1e}"
             yield f"| {name.replace(' ', ' | ')} | {times} | {each['lanes_over_unbatched']:.1f} | {errors} |"
 
@@ -34,7 +39,7 @@ def gradients(figures):
     for name, each in figures.items():
         if isinstance(each, dict) and "batch_with_derivatives_s" in each:  # older figures have other names
             size, bits, way = name.split()
-            times = f"{share * each['batch_with_derivatives_s']:.3g}, {share * each['singles_s']:.3g}"
+            times = f"{rounded(share * each['batch_with_derivatives_s'])}, {rounded(share * each['singles_s'])}"
             ratios = f"{each['singles_over_batch_with_derivatives']:.1f} | {each['with_derivatives_over_batch']:.1f}"
             yield f"| {size} | {bits} | {WAYS[way]} | {times} | {ratios} | {each['error']:.0e} | {each['unsolved']} |"
 
@@ -45,7 +50,7 @@ def others(figures):
     yield "| --- " * 3 + "|"
     for name, each in figures.items():
         if isinstance(each, dict) and "us" in each:
-            yield f"| {name} | {each['us']:.3g} | {', '.join(f'{error:.2g}' for error in each['error'])} |"
+            yield f"| {name} | {rounded(each['us'])} | {', '.join(f'{error:.2g}' for error in each['error'])} |"
     yield ""
     for name, each in figures.items():
         if isinstance(each, dict) and "ratio" in each:
