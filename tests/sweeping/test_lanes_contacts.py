@@ -115,9 +115,19 @@ def test_joints_and_soft_partners():
     first = jf.SoftBody(BOX.translated((0, 0, 0)), young=2e5, poisson=0.3, density=1e3, fixed="z-", name="low")
     second = jf.SoftBody(BOX.translated((0.02, 0.005, 0.042)), young=5e4, poisson=0.3, density=1e3, name="high")
     touch = jf.Contact("high", "low", friction=0.3)
-    scene = jf.build(jf.Scene([first, second], contacts=[touch], gravity=(0, 0, -9.81)), tolerance=1e-10)
-    loop, lanes = both(scene, {"young": np.array([[2e5, 5e4], [1e5, 2e4]]), "gravity[1]": np.array([0.0, 3.0])})
+    corner, other = (0.12, 0.065, 0.082), (0.02, 0.065, 0.082)
+    joints = [
+        jf.BallJoint("high", None, corner, name="pin", compliance=1e-4),
+        jf.DistanceJoint("high", None, other, (0.02, 0.15, 0.12), rope=True, name="rope"),
+    ]
+    parts = {"contacts": [touch], "joints": joints, "gravity": (0, 0, -9.81)}
+    scene = jf.build(jf.Scene([first, second], **parts), tolerance=1e-10)
+    variants = {"young": np.array([[2e5, 5e4], [1e5, 2e4], [2e5, 5e4]]), "gravity[1]": np.array([0.0, -3.0, -3.0])}
+    loop, lanes = both(scene, variants | {"joint.pin.compliance": np.array([1e-4, 1e-4, 1e-3])})
     same(loop, lanes, scene[0])
+    assert np.abs(lanes["x"][1] - lanes["x"][2]).max() > 1e-4  # the joint tells them apart
+    pulled = {name: np.abs(each).max() for name, each in lanes.outputs.items() if name.startswith("push")}
+    assert sum("rope" in name or "distance" in name for name in pulled) == 1 and min(pulled.values()) > 0
 
 
 def test_a_bad_lane_spoils_no_other():
