@@ -111,7 +111,7 @@ def test_other_grounds(name):
 
 @SLOW
 def test_joints_and_soft_partners():
-    """A box lies on another, which is held, and hangs by one corner."""
+    """A box lies on another, which is held, and hangs by one corner on a soft pin, and by another on a rope."""
     first = jf.SoftBody(BOX.translated((0, 0, 0)), young=2e5, poisson=0.3, density=1e3, fixed="z-", name="low")
     second = jf.SoftBody(BOX.translated((0.02, 0.005, 0.042)), young=5e4, poisson=0.3, density=1e3, name="high")
     touch = jf.Contact("high", "low", friction=0.3)

@@ -13,7 +13,7 @@ import jax.numpy as jnp
 
 from jaxfem.batching import cond_any
 from jaxfem.methods.allrows.cone import projected_step
-from jaxfem.methods.allrows.dense import MOST, by_elimination, left_over
+from jaxfem.methods.allrows.dense import MOST, by_elimination, left_over, scaled_size
 from jaxfem.methods.allrows.factor import row_preconditioner
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
@@ -110,11 +110,12 @@ def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
     if not system.friction:
         return sides
     operator = row_operator(system)
-    speed, root = trees.minus(operator.apply(impulses), operator.right), jax.tree.map(jnp.sqrt, operator.diagonal)
-    least = STILL * system.tolerance * trees.norm(jax.tree.map(jnp.divide, operator.right, root))
+    speed = trees.minus(operator.apply(impulses), operator.right)
+    least = STILL * system.tolerance * scaled_size(operator.right, operator.diagonal)
     moved = sides.copy()
     for name in system.friction:
-        stuck = (jnp.abs(speed[name]) <= least * root[name]) & (impulses[name] != 0)
+        still = jnp.abs(speed[name]) <= least * jnp.sqrt(operator.diagonal[name])
+        stuck = still & (impulses[name] != 0)
         moved[name] = jnp.where(stuck, 0, sides[name])
     return moved
 

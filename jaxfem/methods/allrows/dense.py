@@ -59,12 +59,14 @@ def _columns(product: Callable[[jax.Array], jax.Array], like: jax.Array) -> jax.
     return columns.T
 
 
+def scaled_size(rows: Impulses, weights: Impulses) -> jax.Array:
+    """Euclidean norm of residuals of rows, each entry over the root of its weight."""
+    return trees.norm(jax.tree.map(lambda row, weight: row / jnp.sqrt(weight), rows, weights))
+
+
 def left_over(matvec: Callable[[Impulses], Impulses], right: Impulses, weights: Impulses, found: Impulses) -> jax.Array:
-    """|right - matvec(found)| over |right|, each entry over the root of its weight; not by any recurrence."""
-
-    def size(rows: Impulses) -> jax.Array:
-        return trees.norm(jax.tree.map(lambda row, weight: row / jnp.sqrt(weight), rows, weights))
-
-    whole = size(right)
-    relative: jax.Array = size(trees.minus(right, matvec(found))) / jnp.where(whole > 0, whole, 1)
+    """|right - matvec(found)| over |right|, by `scaled_size`; not by any recurrence."""
+    whole = scaled_size(right, weights)
+    left = scaled_size(trees.minus(right, matvec(found)), weights)
+    relative: jax.Array = left / jnp.where(whole > 0, whole, 1)
     return relative
