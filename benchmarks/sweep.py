@@ -3,8 +3,9 @@
 Clamped beams of 192, 576 and 2304 tetrahedra under their weight, E over a factor of 100 (the softest hang straight
 down), 20 steps of 10 ms, 64 variants: scene-steps a second and core of each engine, in processor time of one thread, in
 float32 and float64. Error: largest difference of a final position from `jf.rollout` in float64 at tolerance 1e-11, as a
-share of how far that variant moved, over 8 of them. `unbatched`: calls of a compiled `jf.rollout`, one after another;
-`mixed`: lanes in chance order, which `lanes` sorts by what they cost.
+share of how far that variant moved, over 8 of them. `192-free`: not clamped, they fall and spin at 5 rad/s.
+`unbatched`: calls of a compiled `jf.rollout`, one after another; `mixed`: lanes in chance order, which `lanes` sorts by
+what they cost.
 """
 
 import os
@@ -21,14 +22,20 @@ from report import arguments, finish, save
 import jaxfem as jf
 from jaxfem import sweeping
 
-SIZES = {"192": (4, 2, 2), "576": (12, 2, 2), "2304": (12, 4, 4)}
-DT, STEPS, FEW = 1e-2, 20, 8
+FREE = "192-free"
+SIZES = {"192": (4, 2, 2), FREE: (4, 2, 2), "576": (12, 2, 2), "2304": (12, 4, 4)}
+DT, STEPS, FEW, SPIN = 1e-2, 20, 8, 5.0  # s, -, -, rad/s
 
 
-def scene(cells, dtype, **options):
-    mesh = jf.mesh.box((0.1, 0.03, 0.03), cells, tets_per_cell=12)
-    body = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1070.0, damping=2e-3, fixed="x-")
-    return jf.build(jf.Scene([body]), dtype=dtype, **options)
+def scene(size, dtype, **options):
+    mesh = jf.mesh.box((0.1, 0.03, 0.03), SIZES[size], tets_per_cell=12)
+    fixed = None if size == FREE else "x-"
+    body = jf.SoftBody(mesh, young=2.6e5, poisson=0.4, density=1070.0, damping=2e-3, fixed=fixed)
+    model, params, state = jf.build(jf.Scene([body]), dtype=dtype, **options)
+    if size == FREE:
+        arms = np.asarray(state.positions) - np.asarray(state.positions).mean(0)
+        state = state.replace(velocities=jnp.asarray(SPIN * np.cross((0.2, 1.0, 0.3), arms), dtype))
+    return model, params, state
 
 
 def measured(run, repeats):
@@ -73,7 +80,7 @@ def engine(parts, young, name, order=None):
 
 def compared(size, bits, young, exact, moved, repeats) -> dict:
     """Scene-steps a second, microseconds each, and error, of each way."""
-    parts, some = scene(SIZES[size], np.dtype(f"float{bits}")), young[:: len(young) // FEW]
+    parts, some = scene(size, np.dtype(f"float{bits}")), young[:: len(young) // FEW]
     ways = {"unbatched": (unbatched(parts, some), len(some), slice(None))}
     ways["loop"] = engine(parts, some, "loop"), len(some), slice(None)
     ways["vmap"] = engine(parts, some, "vmap"), len(some), slice(None)
@@ -102,7 +109,7 @@ def main():
     for bits in (32, 64):
         for size in sizes:
             if size not in exact:
-                parts = scene(SIZES[size], np.float64, tolerance=1e-11)
+                parts = scene(size, np.float64, tolerance=1e-11)
                 ends = unbatched(parts, young[:: count // FEW])()
                 exact[size] = ends, np.abs(ends - np.asarray(parts[0].rest)).max((1, 2))
             figures[f"{size} float{bits}"] = compared(size, bits, young, *exact[size], repeats)
