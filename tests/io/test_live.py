@@ -108,21 +108,27 @@ def test_every_frame_is_drawn_where_it_is(stand_in, index):
     assert viewer.server.stopped
 
 
+def later(viewer):
+    """The frame shown a tenth of a second on."""
+    time.sleep(0.1)
+    return viewer.frame
+
+
 def test_it_plays_and_pauses(stand_in, index, monkeypatch):
     monkeypatch.setattr(live, "PACE", 1e-3)
     viewer = live.show(read_frames(index))
     seen = set()
     viewer.play()
-    end = time.monotonic() + 20
+    end = time.monotonic() + 60
     while len(seen) < 3 and time.monotonic() < end:
         seen.add(viewer.frame)
         time.sleep(2e-4)
     assert seen == {0, 1, 2}
     viewer.play(False)
     time.sleep(0.1)
-    still = viewer.frame
-    time.sleep(0.1)
-    assert viewer.frame == still
+    while (still := viewer.frame) != later(viewer) and time.monotonic() < end:
+        pass  # the frame that was under way, as late as a busy core makes it
+    assert later(viewer) == still
     viewer.stop()
 
 

@@ -1,16 +1,14 @@
 """The page of `jaxfem view`: what it holds is what the frames hold, its size, its script in node and in a browser."""
 
 import base64
-import http.server
 import json
 import re
 import shutil
 import subprocess
-import threading
-import time
 
 import numpy as np
 import pytest
+from browser import BROWSER, opened
 
 import jaxfem as jf
 from jaxfem.cli.main import main
@@ -19,9 +17,6 @@ from jaxfem.io.parts import Part
 from jaxfem.io.reading import Frame
 
 TYPES = {"u1": np.uint8, "u2": "<u2", "u4": "<u4", "f4": "<f4"}
-BROWSER = next(
-    (path for name in ("chromium", "chromium-browser", "google-chrome") if (path := shutil.which(name))), None
-)
 NODE = shutil.which("node")
 
 
@@ -127,32 +122,20 @@ console.log(JSON.stringify([
     assert above[1] / above[3] > 0.1 and abs(above[0]) < 1e-5  # z is up, from above
 
 
-class Late(http.server.BaseHTTPRequestHandler):
-    """An answer that comes late: until then the browser goes on with the page."""
-
-    def do_GET(self):
-        time.sleep(3)
-        self.send_response(404)
-        self.end_headers()
-
-    def log_message(self, *words):
-        pass
-
-
-WATCHED = """<script>
+COLOURED = """
 const seen = new Set();
-setInterval(() => {
-  seen.add(document.body.dataset.frame);
-  const gl = player.gl, some = new Uint8Array(256), canvas = player.canvas;
-  gl.readPixels(canvas.width >> 1, (canvas.height >> 1) - 8, 8, 8, gl.RGBA, gl.UNSIGNED_BYTE, some);
-  Object.assign(document.body.dataset, { seen: seen.size, drawn: some.some((v) => v > 0) });
-}, 30);
+let coloured = 0;
 player.find("speed").value = 0.1;
 player.data.colourings.forEach((each, i) => setTimeout(() => {
   player.find("colour").value = each.name;
   player.find("colour").dispatchEvent(new Event("change"));
-}, 200 * i));
-</script><img alt="" src="http://127.0.0.1:%d/late"></body>"""
+  coloured += 1;
+}, 200 * i));"""
+WATCHED = """
+  const gl = player.gl, some = new Uint8Array(256), canvas = player.canvas;
+  gl.readPixels(canvas.width >> 1, (canvas.height >> 1) - 8, 8, 8, gl.RGBA, gl.UNSIGNED_BYTE, some);
+  seen.add(document.body.dataset.frame);
+  return { seen: seen.size, drawn: some.some((v) => v > 0) };"""
 
 
 @pytest.mark.slow
@@ -160,19 +143,12 @@ player.data.colourings.forEach((each, i) => setTimeout(() => {
 def test_a_browser_plays_it_without_a_word_on_its_console(tmp_path):
     graph = {"energy (J)": (np.arange(6) * 0.01, {"kinetic": np.arange(6.0)})}
     path, _ = write_page(tmp_path / "run.html", list(bending((4, 1, 1), 6, parts=True)), "run", graph)
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), Late)
-    threading.Thread(target=server.serve_forever, daemon=True).start()
-    path.write_text(path.read_text().replace("</body>", WATCHED % server.server_port))
-    switches = "--headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --enable-logging=stderr"
-    words = [BROWSER, *switches.split(), "--window-size=900,600", "--dump-dom", path.as_uri()]
-    ran = subprocess.run(words, capture_output=True, text=True, timeout=120)
-    server.shutdown()
-    said = [line for line in ran.stderr.splitlines() if "CONSOLE" in line and "/late" not in line]
+    enough = "seen.size > 3 && coloured == player.data.colourings.length && found.drawn"
+    page, body, said = opened(path.read_text(), path, WATCHED, enough, COLOURED)
     assert not said, said
-    body = re.search(r"<body[^>]*>", ran.stdout).group(0)
     assert int(re.search(r'data-seen="(\d+)"', body).group(1)) >= 4, body
     assert 'data-drawn="true"' in body, body
-    assert re.search(r'<p id="trouble" hidden', ran.stdout)
+    assert re.search(r'<p id="trouble" hidden', page)
 
 
 def test_view_writes_a_page_of_a_run(tmp_path, capsys):
