@@ -1,4 +1,4 @@
-"""Do error bars hold?  python benchmarks/coverage.py [--quick] [--out FOLDER]
+"""Do error bars hold?  python benchmarks/coverage.py [--quick] [--processes N] [--out FOLDER]
 
 A small soft beam is held straight for 20 rows, let go and rings for 50; five markers at 100 rows a second. One
 simulation, then noise on every coordinate, 0.5 % of the largest motion, drawn anew 200 times: white, and with an
@@ -9,11 +9,13 @@ squares ("effective") and, for the noise that remembers, by generalised least sq
 """
 
 import csv
+import functools
 
 import jax
 import numpy as np
 from machine import describe
 from report import arguments, finish, save
+from spread import spread
 
 jax.config.update("jax_enable_x64", True)
 
@@ -86,22 +88,31 @@ def judged(rows):
     }
 
 
+@functools.cache
+def beam():
+    """The one of this process."""
+    return Beam()
+
+
+def fitted(rho, correlation, seed, sign=1):
+    """Errors, standard errors and what the intervals hold, of one draw; the fit's iterations and its noise's memory."""
+    found = beam().fit(sign * beam().sigma * drawn(rho, beam().clean.shape, seed), correlation)
+    off = [found.values[name] - true for name, true in TRUE.items()]
+    bars = [found.standard_errors[name] for name in TRUE]
+    held = [found.intervals[name][0] <= true <= found.intervals[name][1] for name, true in TRUE.items()]
+    return (off, bars, held), found.iterations, list(found.memory[:1])
+
+
 def main():
-    options = arguments(__doc__)
+    options = arguments(__doc__, spread=True)
     draws = 20 if options.quick else 200
-    beam, figures = Beam(), {"machine": describe(), "draws": draws, "noise_m": 0.0, "rho": RHO}
-    figures["noise_m"] = beam.sigma
+    figures = {"machine": describe(), "draws": draws, "noise_m": beam().sigma, "rho": RHO}
     table = []
     for kind, rho, correlation in (("white", 0.0, "effective"), ("ar", RHO, "effective"), ("ar", RHO, "ar")):
-        rows, iterations = [], []
-        for seed in range(draws):
-            found = beam.fit(beam.sigma * drawn(rho, beam.clean.shape, seed), correlation)
-            off = [found.values[name] - true for name, true in TRUE.items()]
-            bars = [found.standard_errors[name] for name in TRUE]
-            held = [found.intervals[name][0] <= true <= found.intervals[name][1] for name, true in TRUE.items()]
-            rows.append((off, bars, held))
-            iterations.append(found.iterations)
-            table.append([kind, correlation, seed, *off, *bars, *map(int, held), *found.memory[:1]])
+        found = dict(spread(fitted, [(rho, correlation, seed) for seed in range(draws)], options.processes))
+        rows, iterations, memory = zip(*(found[seed] for seed in range(draws)), strict=True)
+        for seed, (off, bars, held) in enumerate(rows):
+            table.append([kind, correlation, seed, *off, *bars, *map(int, held), *memory[seed]])
         key = f"{kind}_noise_{correlation}"
         figures[key] = {**judged(rows), "median_iterations": float(np.median(iterations))}
         print(key, figures[key], flush=True)

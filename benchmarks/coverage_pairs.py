@@ -9,9 +9,10 @@ bias with its own standard error, over the scatter. Figures are saved as they co
 
 import jax
 import numpy as np
-from coverage import RHO, TRUE, Beam, drawn, judged
+from coverage import RHO, TRUE, beam, fitted, judged
 from machine import describe
 from report import arguments, finish, save
+from spread import spread
 
 jax.config.update("jax_enable_x64", True)
 
@@ -34,28 +35,27 @@ def even(rows):
 
 
 def main():
-    options = arguments(__doc__)
-    beam, figures = Beam(), {"machine": describe(), "rho": RHO}
-    figures["noise_m"] = beam.sigma
+    options = arguments(__doc__, spread=True)
+    figures = {"machine": describe(), "rho": RHO, "noise_m": beam().sigma}
     for correlation, pairs in PAIRS.items():
-        rows, memory = [], []
-        for seed in range(3 if options.quick else pairs):
-            noise = beam.sigma * drawn(RHO, beam.clean.shape, seed)
-            for sign in (1, -1):
-                found = beam.fit(sign * noise, correlation)
-                off = [found.values[name] - true for name, true in TRUE.items()]
-                bars = [found.standard_errors[name] for name in TRUE]
-                held = [found.intervals[name][0] <= true <= found.intervals[name][1] for name, true in TRUE.items()]
-                rows.append((off, bars, held))
-                memory.append(found.memory[0] if found.memory else 0.0)
-            figures[correlation] = {
-                "draws": len(rows),
-                **judged(rows),
-                "pairs": even(rows),
-                "median_memory": float(np.median(memory)),
-            }
-            save("coverage_pairs", figures, options.out)
+        seeds = range(3 if options.quick else pairs)
+        jobs = [(RHO, correlation, seed, sign) for seed in seeds for sign in (1, -1)]
+        found, ended = {}, 0
+        for number, told in spread(fitted, jobs, options.processes):
+            found[number] = told
+            while {2 * ended, 2 * ended + 1} <= found.keys():
+                ended += 1
+                figures[correlation] = told_of([found[each] for each in range(2 * ended)])
+                save("coverage_pairs", figures, options.out)
     finish("coverage_pairs", figures, options.out)
+
+
+def told_of(found):
+    """Figures of all draws so far, in pairs."""
+    rows, _, memory = zip(*found, strict=True)
+    known = [each[0] if each else 0.0 for each in memory]
+    figures = {"draws": len(rows), **(judged(rows) if len(rows) > 2 else {})}
+    return {**figures, "pairs": even(rows), "median_memory": float(np.median(known))}
 
 
 if __name__ == "__main__":

@@ -28,8 +28,10 @@ from hard import contact, jointed, shapes, slopes, soft, values  # noqa: E402, F
 from hard.case import CASES, Case, Setting, judged  # noqa: E402
 from hard.table import COLUMNS, picture  # noqa: E402
 from machine import describe  # noqa: E402
+from spread import spread  # noqa: E402
 
 DTYPES = ("float64", "float32")
+PACE = 10.0  # s between results that are written
 
 
 def settings(each: Case, quick: bool) -> list[Setting]:
@@ -78,6 +80,18 @@ def among_kept(out: pathlib.Path, fresh: list[dict[str, Any]]) -> list[dict[str,
     return list(lines.values())
 
 
+LAST: list[Setting] = []
+"""How this process ran its last case."""
+
+
+def line_of(name: str, at: Setting) -> dict[str, Any]:
+    """A case's line. What a process has compiled is given up between settings."""
+    if LAST and LAST[0] != at and "JAX_COMPILATION_CACHE_DIR" in os.environ:
+        jax.clear_caches()
+    LAST[:] = [at]
+    return judged(CASES[name], at)
+
+
 def main() -> None:
     """Run what is asked for, print a line each, and write the results as they come."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -88,21 +102,26 @@ def main() -> None:
     parser.add_argument("--dtypes", default=",".join(DTYPES))
     parser.add_argument("--shapes", type=pathlib.Path, help="only draw some soft cubes on their way back, to this PNG")
     parser.add_argument("--out", type=pathlib.Path, help="folder for the results")
+    parser.add_argument("--processes", type=int, default=1, help="how many share the work; seconds are then no measure")
     parser.add_argument("--keep", action="store_true", help="with --out: keep the lines there that are not run again")
     options = parser.parse_args()
-    begun, lines, before = time.perf_counter(), [], None
     if options.shapes:
         shapes.draw(options.shapes)
         return
-    for each, at in chosen(options):
-        if before not in (None, at) and "JAX_COMPILATION_CACHE_DIR" in os.environ:
-            jax.clear_caches()
-        before = at
-        line = judged(each, at)
-        lines.append(line)
-        print(f"{line['case']} | {at.route} | {at.dtype} | {line['outcome']} | {line['seconds']} s", flush=True)
-        if options.out:
-            write(among_kept(options.out, lines) if options.keep else lines, options.out, time.perf_counter() - begun)
+    begun, written = time.perf_counter(), -PACE
+    picked, found, lines = chosen(options), {}, []
+    if options.processes > 1:  # the longest first
+        picked = sorted(picked, key=lambda pair: not pair[0].long)
+    for number, line in spread(line_of, [(each.name, at) for each, at in picked], options.processes):
+        found[number] = line
+        lines = [found[each] for each in sorted(found)]
+        print(
+            f"{line['case']} | {line['route']} | {line['dtype']} | {line['outcome']} | {line['seconds']} s", flush=True
+        )
+        spent = time.perf_counter() - begun
+        if options.out and (spent > written + PACE or len(found) == len(picked)):
+            write(among_kept(options.out, lines) if options.keep else lines, options.out, spent)
+            written = time.perf_counter() - begun
     print(json.dumps(dict(Counter(line["outcome"].split(":")[0] for line in lines))))
 
 

@@ -9,11 +9,13 @@ from typing import Any
 BEGUN = time.perf_counter()
 
 
-def arguments(text: str) -> argparse.Namespace:
-    """Parse --quick and --out; `text`: the script's docstring."""
+def arguments(text: str, spread: bool = False) -> argparse.Namespace:
+    """Parse --quick and --out, with `spread` also --processes; `text`: the script's docstring."""
     parser = argparse.ArgumentParser(description=text.splitlines()[0])
     parser.add_argument("--quick", action="store_true", help="smaller sizes, fewer repeats")
     parser.add_argument("--out", type=pathlib.Path, help="folder for the figures and the plot")
+    if spread:
+        parser.add_argument("--processes", type=int, default=1, help="how many share the work; figures are the same")
     return parser.parse_args()
 
 

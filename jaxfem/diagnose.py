@@ -75,7 +75,7 @@ def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diag
     code = int(status[step]) if step is not None else int(Status.CONVERGED)
     ok = step is None and not findings
     if ok:
-        text = _all_well(info, len(status), rows)
+        text = "; ".join([_all_well(info, len(status), rows), *([told] if (told := beyond(model, info)) else [])])
     else:
         time = None if alone else float(np.asarray(states[shown].time))
         text = "\n".join([_headline(step, status, bad, code, time), *_listed(findings, code)])
@@ -221,6 +221,20 @@ def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:
     what = "the step" if steps == 1 else f"all {steps} steps"
     effort = f"at most {int(np.max(info.iterations))} iterations, residual {float(np.max(info.residual)):.1e}"
     return "; ".join([f"{what} converged ({effort})", *(f"at the end {each.text}" for each in rows)])
+
+
+def beyond(model: Model, info: StepInfo) -> str:
+    """Says that a pyramid held more friction than the cone, by the most of a step's points; empty where none did."""
+    most = 0 if info.beyond_cone is None else int(np.max(info.beyond_cone))
+    if not most:
+        return ""
+    pyramids = (each for each in model.contacts.values() if getattr(each, "rough", False) and not each.cone)
+    contacts = ", ".join(dict.fromkeys(f'"{name}"' for each in pyramids for name in each.names))
+    where = "a point" if most == 1 else f"up to {most} points"
+    return (
+        f"friction at {where} was more than its coefficient allows, by up to 1.41 times across its directions: "
+        f"Contact(cone=True) is the true cone (contact {contacts})"
+    )
 
 
 def _headline(step: int | None, status: np.ndarray, bad: list[bool], code: int, time: float | None) -> str:

@@ -54,7 +54,9 @@ class StepInfo(Pytree):
     again in halves; else None. `spin_loss`: the largest share of its angular momentum that a soft body which
     nothing holds lost, loads apart, to the time scheme or to what it touches; None where there is no such body.
     `counts`: how many domains of strain a law with a memory reports something of, by its word, such as "at_yield": at
-    the edge of yield, where derivatives are one-sided; None where no law counts anything.
+    the edge of yield, where derivatives are one-sided; None where no law counts anything. `beyond_cone`: at how many
+    points friction was more than the coefficient times the normal force, as the default pyramid allows along its
+    diagonals, up to 1.41 times (`Contact(cone=True)` does not); None where all friction is in cones.
     """
 
     status: Array
@@ -66,3 +68,4 @@ class StepInfo(Pytree):
     substeps: Array | None = None
     spin_loss: Array | None = None
     counts: dict[str, Array] | None = None
+    beyond_cone: Array | None = None

@@ -120,6 +120,9 @@ class Run:
             told += [each.text for each in found.findings[:1]]
         if int(self.infos[-1].inverted):
             told.append(f"info.inverted = {int(self.infos[-1].inverted)} at the end")
+        beyond = max((int(info.beyond_cone) for info in self.infos if info.beyond_cone is not None), default=0)
+        if beyond:
+            told.append(f"info.beyond_cone = {beyond} in a step")
         lost = max((float(info.spin_loss) for info in self.infos if info.spin_loss is not None), default=0.0)
         if self.world.free and lost > (LOST if self.world.model.rest.dtype.itemsize > 4 else 1e-5):
             told.append(f"info.spin_loss = {lost:.3g} in a step")

@@ -10,7 +10,7 @@ import numpy as np
 
 from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
-from jaxfem.diagnose import diagnose, words
+from jaxfem.diagnose import beyond, diagnose, words
 from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint, scene_mark
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
@@ -31,7 +31,7 @@ class Run:
     A step that fails is taken again in halves `halvings` times.
 
     `problem` says why it stopped early; `chunks` holds (steps, seconds) of each call, of at most `most` frames; the
-    last frame was written after `framed` steps.
+    last frame was written after `framed` steps; `warned`: of what it has been.
     """
 
     model: Model
@@ -45,7 +45,7 @@ class Run:
     framed: int = 0
     problem: str = ""
     interrupted: bool = False
-    warned: bool = False
+    warned: set[str] = dataclasses.field(default_factory=set)
     chunks: list[tuple[int, float]] = dataclasses.field(default_factory=list)
     most: int = 1
     mark: str = ""
@@ -151,10 +151,14 @@ def _frame(run: Run, writer: FrameWriter, bar: Progress, following: State, info:
         run.done += before
         _recorded(writer, steps[:before])
         return
-    if int(info.inverted) and not run.warned:
+    if int(info.inverted) and "inverted" not in run.warned:
         bar.clear()
         warning(_inversion(run, int(info.inverted), count, following))
-        run.warned = True
+        run.warned.add("inverted")
+    if info.beyond_cone is not None and int(info.beyond_cone) and "cone" not in run.warned:
+        bar.clear()
+        warning(f"between steps {run.done} and {run.done + count}, {beyond(run.model, info)} (said once)")
+        run.warned.add("cone")
     run.state, run.done = following, run.done + count
     _recorded(writer, steps)
     if run.done in (run.framed + run.every, run.steps):

@@ -16,6 +16,7 @@ from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree, on_device
 from jaxfem.rows.base import Rows
+from jaxfem.rows.bounds import beyond_cone
 from jaxfem.solvers.differentiation import recomputed
 from jaxfem.solvers.status import Status
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
@@ -37,7 +38,7 @@ class Ended(Pytree):
     """A step's solution, and what of its system the end of the step needs; `missed`: see `unmet`, `gave`: `gave_way`.
 
     `spin`: along which free rigid bodies turn. It is kept, not found anew: rounding may lead to another solution.
-    `pulled`: how hard joints pulled on them, by the impulses that it was solved with.
+    `pulled`: how hard joints pulled on them, by the impulses that it was solved with. `beyond`: see `beyond_cone`.
     """
 
     solved: Solved
@@ -47,6 +48,7 @@ class Ended(Pytree):
     passed: Array | None
     spin: Array | None
     pulled: Array | None
+    beyond: Array | None
 
 
 class RowMethod(Method):
@@ -73,7 +75,8 @@ class RowMethod(Method):
             solved = solved.replace(velocities=kept(model, system, state.positions, solved.velocities, solved.impulses))
             missed = unmet(model, system, solved.velocities, solved.impulses or {})
             gave = gave_way(model, system, solved.impulses or {}, dt)
-            return Ended(solved, missed, gave, system.impact, system.passed, system.spin, system.pulled)
+            beyond = beyond_cone(system.friction, jax.lax.stop_gradient(solved.impulses or {}))
+            return Ended(solved, missed, gave, system.impact, system.passed, system.spin, system.pulled, beyond)
 
         none = jnp.int32(0)
         found = with_fresh_pull(model, params, state, dt, once) if pulls(model) else once(state.memory, none)
@@ -84,7 +87,8 @@ class RowMethod(Method):
         if found.gave is not None:
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
         status = piercing_status(model, state, status)
-        return following, info.replace(status=turning_status(model, params, state, dt, status))
+        status = turning_status(model, params, state, dt, status)
+        return following, info.replace(status=status, beyond_cone=found.beyond)
 
     def _check(self, system: System, solved: Any) -> None:
         """TypeError for what is no solution; seen while the step is traced, and no part of it."""

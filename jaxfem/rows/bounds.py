@@ -30,6 +30,20 @@ class Friction(Pytree):
     cone: bool = static(default=False)
 
 
+BEYOND = 1.01
+"""Times the cone's radius: friction that is longer counts as beyond it."""
+
+
+def beyond_cone(friction: Mapping[str, Friction], impulses: Mapping[str, Array]) -> Array | None:
+    """How many pairs are longer than the cone allows, as a pyramid's are along its diagonals; None without pyramids."""
+    pyramids = {name: each for name, each in friction.items() if not each.cone and name in impulses}
+    if not pyramids:
+        return None
+    radii = friction_radii(pyramids, impulses)
+    over = (jnp.linalg.norm(impulses[name], axis=-1) > BEYOND * radii[name][:, 0] for name in pyramids)
+    return jnp.stack([jnp.sum(each) for each in over]).sum()
+
+
 def named(names: Iterable[str], values: Iterable[Any]) -> OrderedDict[str, Any]:
     """Values by the names of their groups."""
     return OrderedDict(zip(names, values, strict=True))

@@ -32,6 +32,7 @@ class Status(enum.IntEnum):
     OPEN_JOINTS = 9
     TURNED_TOO_FAR = 10
     GAVE_WAY = 11
+    UNRESOLVED = 12
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
@@ -71,6 +72,7 @@ _MESSAGES = {
     Status.OPEN_JOINTS: "left joints open",
     Status.TURNED_TOO_FAR: "turned too far for a step of straight lines",
     Status.GAVE_WAY: "gave way under a load",
+    Status.UNRESOLVED: "did not resolve elastic strains",
 }
 
 

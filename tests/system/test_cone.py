@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
+from jaxfem.cli.main import main
 from jaxfem.rows.bounds import inscribed
 
 MU = 0.5
@@ -99,3 +100,34 @@ def test_rectangles_stand_in_their_discs():
     np.testing.assert_allclose(half[2], (0.6, 0.8))
     np.testing.assert_allclose(half[3:], [(0, 2), (0, 0)], atol=1e-12)
     assert (np.linalg.norm(half, axis=1) <= radius[:, 0] + 1e-12).all()
+
+
+@pytest.mark.parametrize("scene", [lambda: pushed("direct", False), lambda: soft_block("condensed", cone=False)])
+def test_what_a_pyramid_holds_beyond_the_cone_is_counted(scene):
+    """And told of, by the contact's name."""
+    model, params, state = scene()
+    states, info = jf.rollout(model, params, state, 1e-2, 20)
+    assert not info.status.any() and info.beyond_cone[0] > 0
+    told = str(jf.diagnose(model, params, states, info))
+    assert "was more than its coefficient allows, by up to 1.41 times" in told
+    assert told.endswith('Contact(cone=True) is the true cone (contact "0")')
+
+
+@pytest.mark.parametrize(("cone", "angle"), [(True, 0.7), (False, 0.0)])
+def test_nothing_is_beyond_a_cone_or_along_an_axis(cone, angle):
+    model, params, state = pushed("direct", cone, angle)
+    states, info = jf.rollout(model, params, state, 1e-2, 20)
+    assert info.beyond_cone is None if cone else not info.beyond_cone.any()
+    assert "coefficient" not in str(jf.diagnose(model, params, states, info))
+
+
+@pytest.mark.slow
+def test_a_run_of_the_command_line_says_so_once(tmp_path, capsys):
+    body = '[[rigid]]\nname = "crate"\nshape = { box = [0.4, 0.4, 0.1] }\nmass = 2.0\nposition = [0, 0, 0.05]\n'
+    scene = (
+        body + 'velocity = [1.0, 1.0, 0.0]\n[[contact]]\na = "crate"\nground = { plane = [0, 0, 1] }\nfriction = 0.5\n'
+    )
+    (tmp_path / "scene.toml").write_text(scene + "[time]\nstep = 0.01\nduration = 0.04\n")
+    assert main(["simulate", str(tmp_path / "scene.toml"), "--no-plots", "--out", str(tmp_path / "out")]) == 0
+    said = capsys.readouterr().err
+    assert said.count("was more than its coefficient allows") == 1 and "(said once)" in said

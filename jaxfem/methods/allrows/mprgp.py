@@ -9,6 +9,7 @@ import jax.numpy as jnp
 from jaxfem.elements.mass import is_diagonal
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
+from jaxfem.methods.allrows.resolved import LONG, elastic_share, with_resolution
 from jaxfem.methods.allrows.rounds import with_friction
 from jaxfem.methods.base import Facts, Solved
 from jaxfem.methods.by_rows import Impulses, RowMethod
@@ -75,7 +76,7 @@ class MprgpSearch:
 
     def found(self, system: System, plan: Any, operator: RowOperator, guess: Impulses) -> Found:
         """Impulses and their sides."""
-        system = system.replace(tolerance=jnp.minimum(system.tolerance, _loosest(system)))
+        system = system.replace(tolerance=jnp.minimum(system.tolerance, _loosest(system, operator)))
 
         def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
             found, info = mprgp_loop(
@@ -90,18 +91,19 @@ class MprgpSearch:
             )
             return Found(found, sides_of(bounds, found), info)
 
-        return with_friction(system, operator, guess, once, rounded=True)
+        return with_resolution(system, operator, with_friction(system, operator, guess, once, rounded=True))
 
 
-def _loosest(system: System) -> Array:
-    """See `LIGHT`; in single precision no tighter than what can be reached."""
+def _loosest(system: System, operator: RowOperator) -> Array:
+    """See `LIGHT` and `LONG`; in single precision no tighter than what can be reached."""
     rigid = 0 if system.inertia is None else system.inertia.shape[0]
     last = system.mass.shape[0] - rigid  # masses of linear triples; those of angular ones follow
     mass, free = system.mass[:last], system.free[:last] > 0
     heavy = jnp.max(jnp.where(free, mass, 0))
     share = jnp.min(jnp.where(free, mass, jnp.inf)) / jnp.where(heavy > 0, heavy, 1)
-    loosest: Array = jnp.maximum(LIGHT * jnp.sqrt(share), 100 * jnp.finfo(mass.dtype).eps)
-    return loosest
+    loosest = jnp.minimum(LIGHT * jnp.sqrt(share), LONG * elastic_share(system, operator))
+    reached: Array = jnp.maximum(loosest, 100 * jnp.finfo(mass.dtype).eps)
+    return reached
 
 
 @dataclasses.dataclass(frozen=True)
