@@ -16,7 +16,7 @@ from spread import spread
 
 jax.config.update("jax_enable_x64", True)
 
-PAIRS = {"ar": 60, "effective": 20}
+PAIRS = {"ar": 60, "effective": 60}
 
 
 def even(rows):

@@ -23,7 +23,7 @@ jax.config.update("jax_enable_x64", True)
 import jaxfem as jf  # noqa: E402
 from jaxfem.fitting import Noise, Search, Take  # noqa: E402
 from jaxfem.fitting.evaluation import Evaluator  # noqa: E402
-from jaxfem.fitting.objective import residuals  # noqa: E402
+from jaxfem.fitting.objective import difference, keeping, scene_at  # noqa: E402
 from jaxfem.fitting.recovery import assembled  # noqa: E402
 from jaxfem.fitting.search import find  # noqa: E402
 
@@ -74,8 +74,14 @@ class Fits:
         return found, shared.starts[0]
 
     def loss(self, z):
-        r, _ = residuals(z, self.piece.problem, self.piece.plan)
-        return jnp.sum(r * r) / np.count_nonzero(self.piece.problem.weights)
+        """By a rollout of all rows, which has a derivative backwards; a fit's own simulation has none."""
+        problem, plan = self.piece.problem, self.piece.plan
+        params, state = scene_at(z, problem, plan)
+        states, info = jf.rollout(problem.model, params, state, problem.dt, plan.frames * plan.every, every=plan.every)
+        keep = keeping(problem, plan)
+        frames = jnp.concatenate([keep(state)[None], jax.vmap(keep)(states)])
+        r, _ = difference(z, frames, jnp.max(info.status), problem, plan)
+        return jnp.sum(r * r) / np.count_nonzero(problem.weights)
 
     def ours(self, start):
         clock = Clock()

@@ -17,10 +17,13 @@ import time
 from collections import Counter
 from typing import Any
 
-# Programs this small need no fast code: they compile in a third of the time.
-os.environ.setdefault("XLA_FLAGS", "--xla_backend_optimization_level=0 --xla_cpu_use_fusion_emitters=false")
+from jaxfem.cli.xla_flags import known
 
-import jax
+# Programs this small need no fast code: they compile in a third of the time.
+QUICK = ["--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false"]
+os.environ.setdefault("XLA_FLAGS", " ".join(known(QUICK)))
+
+import jax  # noqa: E402
 
 jax.config.update("jax_enable_x64", True)
 

@@ -15,6 +15,7 @@ import jax
 
 from jaxfem.cli.programs import OFF, trim
 from jaxfem.cli.threads import one_blas_thread
+from jaxfem.cli.xla_flags import known
 
 LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
 MOST_MEMORY = 5e9  # bytes a process
@@ -31,7 +32,7 @@ def compile_quickly(environment: MutableMapping[str, str] = os.environ) -> None:
     """Have XLA compile quickly, here and in processes that are started from here, unless XLA_FLAGS says how."""
     given = environment.get("XLA_FLAGS", "")
     wanted = [f"--{name}={value}" for name, value in QUICK_COMPILE.items() if name not in given]
-    environment["XLA_FLAGS"] = " ".join([given, *wanted]).strip()
+    environment["XLA_FLAGS"] = " ".join([given, *known(wanted)]).strip()
     one_blas_thread(environment)  # workers have no core to spare for threads that wait
 
 
