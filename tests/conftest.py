@@ -46,9 +46,9 @@ def pytest_collection_modifyitems(config, items):
             item.add_marker(pytest.mark.slow)
     alone = any("::" in str(argument) for argument in config.args)
     if not (alone or config.getoption("exhaustive")):
-        longest = [item for item in items if seconds.get(item.nodeid, 0) > long.LONGEST]
-        config.hook.pytest_deselected(items=longest)
-        items[:] = [item for item in items if item not in longest]
+        names = long.longest(item.nodeid for item in items)
+        config.hook.pytest_deselected(items=[item for item in items if item.nodeid in names])
+        items[:] = [item for item in items if item.nodeid not in names]
 
 
 @pytest.hookimpl(optionalhook=True)
