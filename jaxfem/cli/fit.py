@@ -18,6 +18,7 @@ from jaxfem.fitting import (
     FitError,
     FitResult,
     Take,
+    alone,
     attach,
     contributions,
     fit_takes,
@@ -60,6 +61,7 @@ def add(subparsers: Any) -> None:
         action="store_true",
         help="refit at half the time step and on a mesh of eight times the elements: the discretisation's share",
     )
+    parser.add_argument("--alone", action="store_true", help="fit each take by itself, too, and say whether they agree")
     parser.add_argument(
         "--posterior",
         metavar="DRAWS",
@@ -77,11 +79,13 @@ def run(args: argparse.Namespace) -> int:
     file = load_fit(args.file)
     if args.posterior is not None:
         blackjax_or_error()  # before the fit, not after it
+    if args.alone and sum(not each.held_out for each in file.takes) < 2:
+        raise FitError("--alone compares takes, and only one is fitted: give several [[take]] tables")
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
     result, written = fitted(
-        file, folder, args.recording, not args.no_plots, args.profiles, args.refine, args.posterior
+        file, folder, args.recording, not args.no_plots, args.profiles, args.refine, args.posterior, args.alone
     )
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
     return EXIT_INTERRUPTED if result.status == "interrupted" else 0
@@ -95,11 +99,14 @@ def fitted(
     profiles: bool = False,
     finer: bool = False,
     draws: int | None = None,
+    apart: bool = False,
 ) -> tuple[FitResult, list[Path]]:
     """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
     result, takes = fit_from_file(file, recording)
     if finer:
         result = refine(result, takes_of(file, recording, finer=True))
+    if apart and result.status != "interrupted":
+        result = alone(result, takes, **file.settings)
     if draws is not None and result.status != "interrupted":
         result = sample(result, draws, seed=file.settings["seed"])
     written = write_results(folder, result, plots)

@@ -1,6 +1,7 @@
 """Fitting: material values of a soft body from a recording of markers on it."""
 
 from jaxfem.fitting.after import contributions, profile
+from jaxfem.fitting.agreement import Agreement
 from jaxfem.fitting.beside.frequencies import Frequencies
 from jaxfem.fitting.beside.gauge import Gauge
 from jaxfem.fitting.beside.settled import Settled
@@ -18,8 +19,10 @@ from jaxfem.fitting.result import FitResult, Posterior, Refinement, TakeFit
 from jaxfem.fitting.search import Search
 from jaxfem.fitting.sensitivity import sensitivity
 from jaxfem.fitting.takes import Take
+from jaxfem.fitting.takes_alone import alone
 
 __all__ = [
+    "Agreement",
     "FieldFit",
     "FitError",
     "FitResult",
@@ -37,6 +40,7 @@ __all__ = [
     "SupportForce",
     "Take",
     "TakeFit",
+    "alone",
     "attach",
     "contributions",
     "fit",

@@ -6,6 +6,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.advice import advice, sample_advice, weakest_in_words
+from jaxfem.fitting.agreement import first_order
 from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.evaluation import Evaluator, Piece
@@ -40,7 +41,7 @@ def result_of(
 ) -> FitResult:
     """The result at the solution; `ends`: (start, end, loss) of each start, where some were drawn."""
     z, spread, unknown = best.z, best.uncertainty, evaluator.unknowns
-    residual, _, outcomes = evaluator.linear(z)
+    residual, jacobian, outcomes = evaluator.linear(z)
     failed = any(int(each.status) != 0 for each in outcomes)
     sigma = [
         _sigma_of(piece, scales, spread.noise) for piece, scales in zip(evaluator.pieces, best.scales, strict=True)
@@ -62,6 +63,7 @@ def result_of(
         *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
         *(text for each in takes for text in beside_in_words(each)),
         *(text for each, one in zip(takes, made, strict=True) for text in astray(each, one.measured)),
+        *first_order(evaluator, best, residual, jacobian, [each.take.name for each in made]),
     ]
     return FitResult(
         constants=unknown.constants,

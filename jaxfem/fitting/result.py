@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.fitting.advice import text_of
+from jaxfem.fitting.agreement import Agreement
 from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.evaluation import Visit
 from jaxfem.fitting.measurement import Measurement
@@ -140,9 +141,9 @@ class FitResult:
     `sigmas`: standard deviation of each group's noise [m]; `history`: every evaluation; `iterations`: those with
     derivatives; `status`: "converged", "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make
     values wrong; `repairs`: what was left out, repaired or noticed in the recordings; `refinements`: see
-    `refine`; `ends`: where each start led, lowest loss first, if some were drawn; `posterior`: see `sample`;
-    simulations were made by `engine`, for that `reason`. `times`, `release`, `residuals` and so on are those of the
-    first take (see `TakeFit`).
+    `refine`; `agreement`: see `alone`; `ends`: where each start led, lowest loss first, if some were drawn;
+    `posterior`: see `sample`; simulations were made by `engine`, for that `reason`. `times`, `release`, `residuals` and
+    so on are those of the first take (see `TakeFit`).
     """
 
     constants: tuple[Constant, ...]
@@ -163,6 +164,7 @@ class FitResult:
     warnings: tuple[str, ...]
     repairs: tuple[str, ...] = ()
     refinements: tuple[Refinement, ...] = ()
+    agreement: tuple[Agreement, ...] = ()
     ends: tuple[End, ...] = ()
     posterior: Posterior | None = None
     engine: str = ""
@@ -235,6 +237,7 @@ class FitResult:
             lines.append(f"  {self.weakest}")
         lines += [f"  {in_words(self.ends)}"] if self.ends else []
         lines += [f"  {each.line()}" for each in self.refinements]
+        lines += [f"  {each.line()}" for each in self.agreement]
         lines += [f"  {line}" for line in self.posterior.lines()] if self.posterior else []
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]

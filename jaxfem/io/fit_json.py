@@ -53,6 +53,14 @@ FIELDS: dict[str, Any] = {
     "iterations": {"type": "integer"},
     "engine": {"type": "string"},
     "discretisation": {"type": "array", "items": {"type": "object", "required": ["what", "by", "shift", "estimate"]}},
+    "takes_alone": {
+        "type": "array",
+        "items": {
+            "type": "object",
+            "required": ["name", "values", "errors", "chance", "between", "mean", "interval"],
+            "properties": {"values": NAMED, "errors": NAMED, "chance": NUMBER, "interval": PAIR},
+        },
+    },
     "starts_followed": {
         "type": "array",
         "items": {
@@ -110,6 +118,7 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "status": result.status,
         "engine": result.engine,
         "discretisation": [_refinement(each) for each in result.refinements],
+        "takes_alone": [dataclasses.asdict(each) | {"interval": list(each.interval)} for each in result.agreement],
         "starts_followed": [_end(each) for each in result.ends],
         "posterior": None if result.posterior is None else _posterior(result.posterior),
         "repairs": list(result.repairs),

@@ -49,6 +49,7 @@ def write_report(
         "<h2>Parameters</h2>",
         _table(result),
         *_refinements(result),
+        *_agreement(result),
         "<h2>Misfit, fitted and held out</h2>",
         _takes(result.takes),
         *beside_part(result.takes),
@@ -145,6 +146,25 @@ def _refinements(result: FitResult) -> list[str]:
             rows.append(f"<tr><td>{each.what}</td><td>{html.escape(by)}</td>{cells}</tr>")
     table = f'<table id="discretisation"><tr><th></th><th></th>{head}</tr>{"".join(rows)}</table>'
     return ["<h2>What the discretisation moves</h2>", table]
+
+
+def _agreement(result: FitResult) -> list[str]:
+    """What each take says alone; nothing where none was fitted so."""
+    if not result.agreement:
+        return []
+    takes = dict.fromkeys(take for each in result.agreement for take in each.values)
+    rows = []
+    for each in result.agreement:
+        own = [
+            f"{each.values[take]:.5g} &plusmn; {each.errors[take]:.2g}" if take in each.values else "" for take in takes
+        ]
+        low, high = each.interval
+        cells = [*own, f"{each.chance:.2g}", f"{each.between:.3g}", f"{each.mean:.5g}", f"{low:.5g} to {high:.5g}"]
+        flag = "<td></td>" if each.agree else "<td class=bad>do not agree</td>"
+        rows.append(f"<tr><td>{html.escape(each.name)}</td>{''.join(f'<td>{cell}</td>' for cell in cells)}{flag}</tr>")
+    words = ["", *map(html.escape, takes), "chance", "scatter between takes", "mean", "95 %", ""]
+    head = "".join(f"<th>{word}</th>" for word in words)
+    return ["<h2>Each take alone</h2>", f'<table id="alone"><tr>{head}</tr>{"".join(rows)}</table>']
 
 
 def _takes(takes: Sequence[TakeFit]) -> str:

@@ -208,6 +208,26 @@ def test_takes_noise_and_priors_are_read(folder):
 
 
 @pytest.mark.slow
+def test_takes_alone_stand_in_page_and_files(folder, tmp_path, capsys):
+    """`--alone`, which one take has no use for."""
+    assert main(["fit", str(folder / "fit.toml"), "--alone", "--force"]) == 2
+    assert "--alone compares takes" in capsys.readouterr().err
+    exact = read_recording(folder / "recording.csv")
+    for seed in range(2):
+        noise = 1e-5 * np.random.default_rng(seed).normal(size=exact.positions.shape)
+        write_recording(folder / f"r{seed}.csv", Recording(exact.times, exact.positions + noise, exact.names))
+    takes = "".join(f'[[take]]\nrecording = "r{seed}.csv"\n' for seed in range(2))
+    both = FIT.replace('recording = "recording.csv"', "").replace("[output]", f"{takes}[output]")
+    (folder / "both.toml").write_text(both)
+    assert main(["fit", str(folder / "both.toml"), "--alone", "--no-plots", "--out", str(tmp_path)]) == 0
+    assert "takes alone, young: r0 2" in capsys.readouterr().out
+    found = json.loads((tmp_path / "fitted.json").read_text())
+    jsonschema.validate(found, SCHEMA)
+    assert [each["name"] for each in found["takes_alone"]] == ["young", "damping"]
+    assert 'id="alone"' in (tmp_path / "report.html").read_text()
+
+
+@pytest.mark.slow
 def test_the_example_of_the_real_beam(data, tmp_path, capsys):
     """The example's own files on a coarser mesh: a stiffness and a frequency of the right size."""
     scene = (EXAMPLES / "real_beam_scene.toml").read_text().replace("cells = [10, 3, 3]", "cells = [5, 1, 1]")
