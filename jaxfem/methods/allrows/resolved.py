@@ -3,7 +3,8 @@
 Where steps are long against the vibrations of what is strained, the strain that is left is next to nothing of the fall
 that the rows take back. With the residual r = b - A lam, and A = J M^-1 J' + C at least as large as its compliance C,
 the error's energy r' A^-1 r is at most r' C^-1 r; what moves and is strained in the end holds v' M v + lam' C lam.
-Measured on clamped bricks, steps of 1/60 to 10 s: the sag is off by a fortieth to a quarter of the ratio's root.
+Measured on 68 clamped bricks, steps of 1/60 to 10 s, plain and smoothed: the sag is off by at most a third of the
+ratio's root, and by more than 2 % where that is above .4 alone.
 """
 
 import jax
@@ -22,6 +23,9 @@ LONG = 0.1
 """Times the least share of an elastic row's own compliance in A's diagonal: the loosest tolerance for its strain.
 Clamped bricks then sag as they should to 4e-5."""
 
+LOST = 0.4
+"""Root of the share of its elastic and kinetic energy that a residual may be worth."""
+
 
 def elastic_share(system: System, operator: RowOperator) -> Array:
     """The least share of compliance in the diagonal of the elastic rows: 1 / (1 + (h w)^2) of their fastest vibration.
@@ -33,7 +37,7 @@ def elastic_share(system: System, operator: RowOperator) -> Array:
 
 
 def with_resolution(system: System, operator: RowOperator, found: Found) -> Found:
-    """`found`, with a status that says so where its residual may be worth more than all its elastic energy."""
+    """`found`, with a status that says so where its residual may be worth a good part of its energy."""
     rows = _elastic(system)
     if not rows:
         return found
@@ -45,7 +49,7 @@ def with_resolution(system: System, operator: RowOperator, found: Found) -> Foun
         lost.append(jnp.sum(left**2 / each.compliance))
         strained.append(jnp.sum(each.compliance * impulses[name] ** 2))
     moving = jnp.sum(system.mass[:, None] * (system.free[:, None] * (system.target + change)) ** 2)
-    over = sum(lost) > moving + sum(strained)
+    over = sum(lost) > LOST**2 * (moving + sum(strained))
     status = jnp.where((found.info.status == int(Status.CONVERGED)) & over, _CODE, found.info.status)
     return found.replace(info=found.info.replace(status=status.astype(found.info.status.dtype)))
 
