@@ -106,7 +106,8 @@ def fitted(
     if finer:
         result = refine(result, takes_of(file, recording, finer=True))
     if apart and result.status != "interrupted":
-        result = alone(result, takes, **file.settings)
+        with Ticker() as ticker:
+            result = alone(result, takes, progress=ticker.show, **file.settings)
     if draws is not None and result.status != "interrupted":
         result = sample(result, draws, seed=file.settings["seed"])
     written = write_results(folder, result, plots)

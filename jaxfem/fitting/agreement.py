@@ -17,6 +17,8 @@ from jaxfem.fitting.evaluation import Evaluator
 
 NEAR = 1e-3
 """Of a number of the search (its logarithm, of what is positive): takes that are no further apart are not looked at."""
+ROUNDING = 1e-12
+"""Of a value: standard errors are not below."""
 UNLIKELY = 1e-4
 """Chance of takes' own values, below which they do not agree."""
 
@@ -53,8 +55,9 @@ def agreement(name: str, values: Mapping[str, float], errors: Mapping[str, float
     from scipy.optimize import brentq
     from scipy.stats import chi2, norm, t
 
-    x, v = np.array([*values.values()]), np.square([errors[take] for take in values])
-    degrees = len(x) - 1
+    x = np.array([*values.values()])
+    least = ROUNDING * max(float(np.abs(x).max()), np.finfo(float).tiny)
+    v, degrees = np.square(np.maximum([errors[take] for take in values], least)), len(x) - 1
 
     def excess(square: float) -> float:
         weights = 1 / (v + square)
@@ -87,6 +90,8 @@ def first_order(evaluator: Evaluator, best: Any, residual: Any, jacobian: Any, n
     if len(names) < 2:
         return []
     flat, spread = best.weighting.residual(residual), best.uncertainty
+    if not (np.isfinite(flat).all() and np.isfinite(best.weighting.columns(jacobian)).all()):
+        return []  # of steps that failed: that is said
     wider = np.diag(spread.covariance) / np.maximum(np.diag(spread.plain), np.finfo(float).tiny)
     steps: dict[str, dict[str, tuple[float, float]]] = {}
     for k, (piece, take) in enumerate(zip(evaluator.pieces, names, strict=True)):

@@ -17,7 +17,8 @@ LEFT_OUT = ("own", "held_out", "starts", "multi_start", "seed")
 
 def alone(result: FitResult, takes: Sequence[Take], **settings: Any) -> FitResult:
     """The result with its `agreement`: each fitted take is fitted by itself too, from the solution, with the `settings`
-    that `fit_takes` was given, and what they share is compared. A warning names what they do not agree on.
+    that `fit_takes` was given, and what they share is compared. A warning names what they do not agree on, and takes
+    that cannot be fitted alone. Priors count in each.
 
     FitError for takes that do not match the result, and for a single one.
     """
@@ -29,7 +30,13 @@ def alone(result: FitResult, takes: Sequence[Take], **settings: Any) -> FitResul
         raise FitError(f'no take is named "{missing[0]}": give those that were fitted')
     found, failed = {}, []
     for each in fitted:
-        own = fit_takes([given[each.name]], starts=[each.values], **_settings_of(settings, each.name, [*each.values]))
+        try:
+            own = fit_takes(
+                [given[each.name]], starts=[each.values], **_settings_of(settings, each.name, [*each.values])
+            )
+        except FitError as problem:
+            failed.append(f"{each.name} cannot be fitted alone, and is not compared: {problem}")
+            continue
         if own.status == "converged":
             found[each.name] = own
         else:

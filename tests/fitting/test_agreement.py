@@ -33,6 +33,14 @@ def test_values_that_do_not_have_the_scatter_that_explains_them():
     assert "do not agree" in found.line() and "a 1 +- 0.1" in found.line()
 
 
+def test_values_without_error_bars_are_compared_too():
+    """Exact data leave bars of nothing."""
+    same, other = ({"a": 2.0, "b": value} for value in (2.0, 2.1))
+    assert agreement("k", same, dict.fromkeys("ab", 0.0)).agree
+    apart = agreement("k", other, dict.fromkeys("ab", 0.0))
+    assert not apart.agree and apart.between == pytest.approx(0.1 / np.sqrt(2)) and apart.mean == pytest.approx(2.05)
+
+
 def test_intervals_hold_the_mean_of_all_takes_as_often_as_they_say():
     rng, held = np.random.default_rng(0), 0
     for _ in range(1000):
@@ -76,6 +84,17 @@ def test_takes_of_one_body_agree(beam):
         alone(fit_takes(takes, parameters=NAMES, search=QUICK, held_out="heavy"), takes)
     with pytest.raises(FitError, match='no take is named "heavy"'):
         alone(found, takes[:1])
+
+
+@pytest.mark.slow
+def test_a_take_that_cannot_be_fitted_alone_is_named(beam):
+    """Under its own weight a body tells modulus over density: the other take has both to itself."""
+    start = {"young": 2.5e5, "density": 1200.0}
+    takes = [beam.take(name, newton, 1e-5, seed, start) for name, newton, seed in (("own", 0.0, 1), ("loaded", 0.1, 2))]
+    settings = {"parameters": ("young", "density"), "search": QUICK}
+    told = alone(fit_takes(takes, **settings), takes, **settings)
+    assert any(text.startswith("own cannot be fitted alone, and is not compared: ") for text in told.warnings)
+    assert told.agreement == () and not [text for text in told.warnings if "do not agree" in text]
 
 
 @pytest.mark.slow
