@@ -280,14 +280,17 @@ def _hardened(
     """Rows with a trace of compliance, so that redundant or conflicting ones have a finite answer; and that trace.
 
     1e-9 (1e-6 in single precision) of what a unit impulse on a row moves it by, each node as the material around it
-    lets it (`held`): a gram of what is stiff may carry tonnes; or `least` (m, r). Rows that move nothing get 1.
+    lets it (`held`): a gram of what is stiff may carry tonnes; or `least` (m, r). What a row gives by itself counts
+    towards that, so that a spring is as stiff as it was declared. Rows that move nothing get 1.
     Contacts that are deep may pull as well, as much as it takes to stop what moves apart with `gaps.brake`: speed that
     they got from being moved apart is no momentum.
     """
     # A trace is too small for its own derivative to matter; what contacts ask for is not.
     diagonal = jax.lax.stop_gradient(rows.diagonal(*held))
     trace = TRACE[rows.bias.dtype.itemsize > 4] * diagonal
-    own = jnp.where(diagonal > 0, trace if least is None else jnp.maximum(trace, least), 1)
+    trace = trace if least is None else jnp.maximum(trace, least)
+    lacking = jnp.maximum(trace - jax.lax.stop_gradient(rows.compliance), 0)
+    own = jnp.where(diagonal > 0, lacking, 1)
     rows = rows.replace(compliance=rows.compliance + own)
     if gaps is None or gaps.brake is None or rows.lower is None:
         return rows, own
