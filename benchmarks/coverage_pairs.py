@@ -54,8 +54,7 @@ def told_of(found):
     """Figures of all draws so far, in pairs."""
     rows, _, memory = zip(*found, strict=True)
     known = [each[0] if each else 0.0 for each in memory]
-    figures = {"draws": len(rows), **(judged(rows) if len(rows) > 2 else {})}
-    return {**figures, "pairs": even(rows), "median_memory": float(np.median(known))}
+    return {"draws": len(rows), **judged(rows), "pairs": even(rows), "median_memory": float(np.median(known))}
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diag
     code = int(status[step]) if step is not None else int(Status.CONVERGED)
     ok = step is None and not findings
     if ok:
-        text = "; ".join([_all_well(info, len(status), rows), *([told] if (told := beyond(model, info)) else [])])
+        text = "; ".join(filter(None, (_all_well(info, len(status), rows), beyond(model, info))))
     else:
         time = None if alone else float(np.asarray(states[shown].time))
         text = "\n".join([_headline(step, status, bad, code, time), *_listed(findings, code)])
@@ -228,7 +228,7 @@ def beyond(model: Model, info: StepInfo) -> str:
     most = 0 if info.beyond_cone is None else int(np.max(info.beyond_cone))
     if not most:
         return ""
-    pyramids = (each for each in model.contacts.values() if getattr(each, "rough", False) and not each.cone)
+    pyramids = (each for each in model.contacts.values() if each.rough and not each.cone)
     contacts = ", ".join(dict.fromkeys(f'"{name}"' for each in pyramids for name in each.names))
     where = "a point" if most == 1 else f"up to {most} points"
     return (

@@ -79,7 +79,7 @@ def run(args: argparse.Namespace) -> int:
     file = load_fit(args.file)
     if args.posterior is not None:
         blackjax_or_error()  # before the fit, not after it
-    if args.alone and sum(not each.held_out for each in file.takes) < 2:
+    if args.alone and (args.recording or sum(not each.held_out for each in file.takes) < 2):
         raise FitError("--alone compares takes, and only one is fitted: give several [[take]] tables")
     folder = Path(args.out) if args.out else file.folder
     if not args.force:

@@ -221,6 +221,9 @@ def test_takes_alone_stand_in_page_and_files(folder, tmp_path, capsys):
     (folder / "both.toml").write_text(both)
     assert main(["fit", str(folder / "both.toml"), "--alone", "--no-plots", "--out", str(tmp_path)]) == 0
     assert "takes alone, young: r0 2" in capsys.readouterr().out
+    one = ["--recording", str(folder / "r0.csv"), "--out", str(tmp_path / "one")]
+    assert main(["fit", str(folder / "both.toml"), "--alone", *one]) == 2  # before the fit, not after it
+    assert "--alone compares takes" in capsys.readouterr().err and not (tmp_path / "one").exists()
     found = json.loads((tmp_path / "fitted.json").read_text())
     jsonschema.validate(found, SCHEMA)
     assert [each["name"] for each in found["takes_alone"]] == ["young", "damping"]
