@@ -1,7 +1,9 @@
-"""Joints that do not hold where their bodies start are named by `build`: closing them throws what they hold."""
+"""Joints that do not hold where their bodies start are named by `build`; angles at and beyond half a turn."""
 
 import warnings
 
+import jax.numpy as jnp
+import numpy as np
 import pytest
 
 import jaxfem as jf
@@ -37,3 +39,31 @@ def test_joints_that_are_open_at_the_start_are_told_with_how_far():
 @pytest.mark.parametrize("closed", [jf.BallJoint(None, "a", (1, 2, 3)), jf.WeldJoint(None, "a", (1, 2, 3))])
 def test_joints_of_one_anchor_are_closed_at_the_start(closed):
     assert closed.open_by()[0] == 0
+
+
+def test_angles_have_no_seam_at_half_a_turn():
+    """Motors went round for ever past a target beyond pi, and shook about one at pi; an angle of 3.3 beyond a limit
+    of 3 was one of -3, beyond the other limit, and was thrown there within a step."""
+    rods = [jf.RigidBody(jf.Box((0.5, 0.05, 0.05)), mass=1.0, position=(0.25, k, 0)) for k in range(3)]
+    soft = {"position": True, "compliance": 0.1, "damping": 2.0}
+    options = [
+        {"motor": jf.Motor(4.0, 5.0, **soft)},
+        {"motor": jf.Motor(np.pi, 1e3, position=True)},
+        {"low": -0.4, "high": 3.0},
+    ]
+    joints = [jf.HingeJoint(None, each, (0, k, 0), (0, 0, 1), **options[k]) for k, each in enumerate(rods)]
+    model, params, state = jf.build(jf.Scene(rods, (0, 0, 0), joints=joints))
+    start = np.array([0.0, 0.9 * np.pi, 3.3])
+    arms = 0.25 * np.stack([np.cos(start), np.sin(start), 0 * start], -1)
+    turned = np.stack([np.cos(start / 2), 0 * start, 0 * start, np.sin(start / 2)], -1)
+    places = jnp.asarray(arms + np.arange(3)[:, None] * [0, 1, 0])
+    state = state.replace(rigid=state.rigid.replace(positions=places, orientations=jnp.asarray(turned)))
+    states, info = jf.rollout(model, params, state, 1 / 60, 240)
+    assert not info.status[2:].any()  # a rigid motor may open its joint by turning a tenth of a turn in its first step
+    arm = np.asarray(states.rigid.positions) - np.arange(3)[:, None] * [0, 1, 0]
+    angle = np.arctan2(arm[..., 1], arm[..., 0])
+    np.testing.assert_allclose(angle[-1, 0], 4.0 - 2 * np.pi, atol=1e-3)
+    assert angle[:, 0].max() < 0.1  # the short way
+    np.testing.assert_allclose(np.abs(angle[-1, 1]), np.pi, atol=1e-6)
+    np.testing.assert_allclose(angle[0, 2], 3.0, atol=0.02)  # and not at -0.4
+    assert np.abs(states.rigid.angular_velocities[:, 2]).max() < 1.01 * 0.3 * 60
