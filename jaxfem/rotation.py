@@ -46,6 +46,7 @@ def nearest_rotation(F: Any) -> Array:
     return _stack(polar_components(_components(F)))
 
 
+@one_program
 def polar_components(F: Sequence[Sequence[Array]]) -> Components:
     """The same as `nearest_rotation` on component arrays, for kernels that keep to them.
 

@@ -5,12 +5,14 @@ from typing import Any
 import jax
 
 from jaxfem.answers import alike, described
+from jaxfem.batching import one_program
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.stepping.checks import StepError
 
 Array = jax.Array
 
 
+@one_program
 def step_taken(
     model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
 ) -> tuple[State, StepInfo]:
