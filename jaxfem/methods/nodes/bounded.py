@@ -17,7 +17,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.batching import lanes_in_turn
+from jaxfem.batching import lanes_in_turn, one_program
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.cone import cone_residual, width
@@ -43,6 +43,7 @@ SHARPEST_TIED = 0.1
 """The last share of compliance (see `semismooth.py`) where rows between bodies are too many to be treated exactly."""
 
 
+@one_program
 def pair_gradient(system: System, unknown: Pair) -> Pair:
     """The condition above at velocities (n, 3) of the free triples and the extra rows' impulses; zero at the solution.
 
