@@ -19,7 +19,7 @@ from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.markers import Markers, carried
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import pixels
-from jaxfem.fitting.place_checks import pixel_faults, place_faults
+from jaxfem.fitting.place_checks import axis_changes, pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.start_checks import again_faults, bounce_faults, camera_faults, late_faults, leap_faults
 from jaxfem.fitting.unknowns import Unknowns
@@ -28,6 +28,10 @@ from jaxfem.model import Model, Params, State, nodal_mass
 from jaxfem.solvers import Status
 from jaxfem.system.soft import external_force
 
+BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
+"""First words of paths of what sets bodies in motion."""
+ACROSS = 0.5  # such a cosine at most, where other axes of the recording give one of ALONG, is of columns exchanged
+ALONG = 0.9
 AGAINST = -0.5  # cosine between recorded and simulated motion, below which they are opposed
 
 
@@ -56,7 +60,8 @@ def written_faults(
         nominal = np.asarray(pixels(jnp.asarray(recording.camera), jnp.asarray(nominal)))
         faults = pixel_faults(measured.stood, nominal, recording.names)
         return [*faults, *jump_faults(recording), *pace_faults(recording, None)], pauses_in_words(recording)
-    faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare)
+    moved = float(np.abs(measured.positions - measured.origin)[measured.seen].max())
+    faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare, moved)
     if not faults:
         faults = [*jump_faults(recording), *pace_faults(recording, load_acceleration(model, params, state))]
     if not faults:
@@ -143,7 +148,8 @@ def start_faults(
         columns.append(jacobian)
         coupled = piece.problem.model.coupled  # what bounces or swings may be anywhere, with values that are off
         if frame != "all" and not coupled:
-            faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare)
+            turns = not any(each.split(".")[0] in BEGINNINGS for each in evaluator.unknowns.names)
+            faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare, turns)
     joined = np.concatenate(columns, axis=1)
     if evaluator.priors is not None:
         prior = evaluator.variance**0.5 * evaluator.priors.rows(z)[1].T
@@ -210,8 +216,11 @@ def outside(params: Params, unknown: Unknowns) -> list[str]:
     return notes
 
 
-def _direction(simulated: np.ndarray, measured: Measurement, names: Sequence[str], compare: str) -> list[str]:
-    """Markers that move against the simulated motion: an axis or gravity points the other way.
+def _direction(
+    simulated: np.ndarray, measured: Measurement, names: Sequence[str], compare: str, turns: bool
+) -> list[str]:
+    """Markers that move against the simulated motion: an axis or gravity points the other way; and across it, where
+    `turns`: nothing is fitted that would turn it.
 
     The direction hardly depends on the stiffness. Compared is the mean of each marker's displacement over time.
     """
@@ -226,12 +235,23 @@ def _direction(simulated: np.ndarray, measured: Measurement, names: Sequence[str
     if scale == 0:
         return []
     if (cosine := float((real * told).sum() / scale)) > AGAINST:
-        return _one_against(real, told, names) if cosine > 0 else []
+        return (_across(real, told, cosine) if turns else []) or (_one_against(real, told, names) if cosine > 0 else [])
     axes: Any = [axis for axis, a, b in zip("xyz", real.sum(axis=0), told.sum(axis=0), strict=True) if a * b < 0]
     return [
         f"the axes: the markers move against what the scene's loads make the body do (cosine {cosine:.2f}; along "
         f"{', '.join(axes) or 'all axes'}): turn the sign of that axis in the recording, or of gravity or the loads"
     ]
+
+
+def _across(real: np.ndarray, told: np.ndarray, cosine: float) -> list[str]:
+    """Markers that move across the simulated motion, as they do where columns of axes are exchanged."""
+    if cosine > ACROSS:
+        return []
+    scale = np.linalg.norm(real) * np.linalg.norm(told)
+    for turned, words in axis_changes():
+        if float(((real @ turned.T) * told).sum()) > ALONG * scale:
+            return [f"{words}: as they are, markers move across what the scene's loads make the body do"]
+    return []
 
 
 def _one_against(real: np.ndarray, told: np.ndarray, names: Sequence[str]) -> list[str]:

@@ -41,6 +41,15 @@ def repaired(recording: Recording) -> Recording:
     return dataclasses.replace(recording, positions=positions, notes=tuple(notes))
 
 
+def first_places(recording: Recording) -> np.ndarray:
+    """About where markers stand at first (M, 3), by their first five samples; NaN where there is none."""
+    found = np.full(recording.positions.shape[1:], np.nan)
+    for m, seen in enumerate(recording.seen.T):
+        if (rows := np.flatnonzero(seen)[:5]).size:
+            found[m] = np.median(recording.positions[rows, m], axis=0)
+    return found
+
+
 def _lost_codes(places: np.ndarray, recording: Recording, flat: bool) -> Iterator[str]:
     """Samples whose coordinates are one and the same number (0 0 0, 9999 9999 9999) or absurd, away from the others."""
     known = places[:, :2] if flat else places

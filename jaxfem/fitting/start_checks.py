@@ -32,7 +32,7 @@ def late_faults(measured: Measurement, gravity: float | None) -> list[str]:
     return [
         f"the release: markers move by {1e3 * steps.max():.3g} mm in the first {seconds:.3g} s, where a body that is "
         f"let go falls by {1e3 * fall:.2g} mm: it moves already. Give release = TIME of the last row in which it is "
-        "held; where the recording begins later, record again"
+        "held; where the recording begins later, record again. Or times run too fast: see their unit and rate"
     ]
 
 
