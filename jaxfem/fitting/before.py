@@ -7,19 +7,19 @@ apart at all.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
 from jaxfem.fitting.course_checks import course_faults, rigid_faults
+from jaxfem.fitting.direction_checks import direction_faults
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.markers import Markers, carried
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import pixels
-from jaxfem.fitting.place_checks import axis_changes, pixel_faults, place_faults
+from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.start_checks import again_faults, bounce_faults, camera_faults, late_faults, leap_faults
 from jaxfem.fitting.unknowns import Unknowns
@@ -30,9 +30,6 @@ from jaxfem.system.soft import external_force
 
 BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
 """First words of paths of what sets bodies in motion."""
-ACROSS = 0.5  # such a cosine at most, where other axes of the recording give one of ALONG, is of columns exchanged
-ALONG = 0.9
-AGAINST = -0.5  # cosine between recorded and simulated motion, below which they are opposed
 
 
 def refuse(faults: Sequence[str], checks: str) -> list[str]:
@@ -67,7 +64,7 @@ def written_faults(
     if not faults:
         faults = [
             *camera_faults(recording, is_held(model)),
-            *([*again_faults(recording, measured), *leap_faults(measured)] if is_held(model) else []),
+            *([*again_faults(recording, measured), *leap_faults(measured, recording.names)] if is_held(model) else []),
             *late_faults(measured, falling(model, params, state, late)),
         ]
     return faults, [*notes, *pauses_in_words(recording)]
@@ -136,6 +133,7 @@ def start_faults(
     """What one linearised simulation of each take at the start z shows; nothing where one breaks down, which the search
     may mend."""
     faults, columns, size = [], [], 0.0
+    turned = any(each.split(".")[0] in BEGINNINGS for each in evaluator.unknowns.names)
     for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
         residual, own, outcome = piece.linearised(z)
         jacobian = np.zeros((z.size, residual.size))
@@ -148,8 +146,10 @@ def start_faults(
         columns.append(jacobian)
         coupled = piece.problem.model.coupled  # what bounces or swings may be anywhere, with values that are off
         if frame != "all" and not coupled:
-            turns = not any(each.split(".")[0] in BEGINNINGS for each in evaluator.unknowns.names)
-            faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare, turns)
+            names, model = piece.problem.markers.names, piece.problem.model
+            unit = "m" if piece.problem.camera is None else "px"
+            alike = len(model.bodies) == 1 and not any("." in each for each in evaluator.unknowns.names)
+            faults += direction_faults(simulated, taken, names, piece.plan.compare, not turned, alike, unit)
     joined = np.concatenate(columns, axis=1)
     if evaluator.priors is not None:
         prior = evaluator.variance**0.5 * evaluator.priors.rows(z)[1].T
@@ -214,53 +214,3 @@ def outside(params: Params, unknown: Unknowns) -> list[str]:
             inside = float(np.clip(value, low, high))
             notes.append(f"{each.name} of the scene, {value:.4g}, is outside the bounds: the start is {inside:.4g}")
     return notes
-
-
-def _direction(
-    simulated: np.ndarray, measured: Measurement, names: Sequence[str], compare: str, turns: bool
-) -> list[str]:
-    """Markers that move against the simulated motion: an axis or gravity points the other way; and across it, where
-    `turns`: nothing is fitted that would turn it.
-
-    The direction hardly depends on the stiffness. Compared is the mean of each marker's displacement over time.
-    """
-    seen = measured.seen[..., None]
-    count = np.maximum(seen.sum(axis=0), 1)
-    real = np.where(seen, measured.positions - measured.origin, 0.0).sum(axis=0) / count
-    told = np.where(seen, simulated - simulated[0], 0.0).sum(axis=0) / count
-    if measured.free_origin or compare == "position":  # the origin is any guess there: the first sample of each marker
-        first = np.take_along_axis(measured.positions, np.argmax(measured.seen, axis=0)[None, :, None], axis=0)[0]
-        real = np.where(seen, measured.positions - first, 0.0).sum(axis=0) / count
-    scale = np.linalg.norm(real) * np.linalg.norm(told)
-    if scale == 0:
-        return []
-    if (cosine := float((real * told).sum() / scale)) > AGAINST:
-        return (_across(real, told, cosine) if turns else []) or (_one_against(real, told, names) if cosine > 0 else [])
-    axes: Any = [axis for axis, a, b in zip("xyz", real.sum(axis=0), told.sum(axis=0), strict=True) if a * b < 0]
-    return [
-        f"the axes: the markers move against what the scene's loads make the body do (cosine {cosine:.2f}; along "
-        f"{', '.join(axes) or 'all axes'}): turn the sign of that axis in the recording, or of gravity or the loads"
-    ]
-
-
-def _across(real: np.ndarray, told: np.ndarray, cosine: float) -> list[str]:
-    """Markers that move across the simulated motion, as they do where columns of axes are exchanged."""
-    if cosine > ACROSS:
-        return []
-    scale = np.linalg.norm(real) * np.linalg.norm(told)
-    for turned, words in axis_changes():
-        if float(((real @ turned.T) * told).sum()) > ALONG * scale:
-            return [f"{words}: as they are, markers move across what the scene's loads make the body do"]
-    return []
-
-
-def _one_against(real: np.ndarray, told: np.ndarray, names: Sequence[str]) -> list[str]:
-    """Single markers that move against their simulated motion, among those that move much."""
-    far, near = np.linalg.norm(told, axis=1), np.linalg.norm(real, axis=1)
-    cosines = (real * told).sum(axis=1) / np.maximum(far * near, np.finfo(float).tiny)
-    much = (far > 0.3 * far.max()) & (near > 0.3 * near.max())
-    return [
-        f'the places: "{names[k]}" moves against its simulated motion (cosine {cosines[k]:.2f}) while the others move '
-        "along: see its name, its place and its columns"
-        for k in np.flatnonzero(much & (cosines < AGAINST)).tolist()
-    ]

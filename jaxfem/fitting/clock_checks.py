@@ -11,6 +11,8 @@ from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 JUMP = 5.0  # spacings: a longer pause is looked at
 LASTING = 8  # rows with a rate of their own
 FAST = 20.0  # times the acceleration of the loads: no stiffness gives more
+SLOW = 0.25  # times that acceleration: what is faster from one row to the next does not swing too slowly
+CLEAR = 8.0  # times the noise: less is none of a motion
 USUAL = 1.2  # of a swing whose unit is right
 OVERSHOOT = 1.1  # of the settled displacement: the body swings, so that its inertia is felt
 
@@ -77,7 +79,7 @@ def pace_faults(recording: Recording, load: float | None) -> list[str]:
     found = _swing(recording)
     if found is None:
         return []
-    amplitude, rise, swings = found
+    amplitude, rise, swings, fastest = found
     frequency = 1.55 / rise  # from 15 to 85 % of the way to the first peak, of 1 - cos
     whole = bool(np.allclose(recording.times, np.round(recording.times), atol=1e-9)) and recording.spacing >= 1.0
     if load is None or load == 0:
@@ -89,7 +91,7 @@ def pace_faults(recording: Recording, load: float | None) -> list[str]:
             f"stiffness moves under the scene's loads{_too_far(ratio)}: see the units of places and times, the loads "
             "and the density"
         ]
-    return [_slow(recording, ratio)] if ratio < 1 / FAST and swings else []
+    return [_slow(recording, ratio)] if ratio < 1 / FAST and swings and fastest < SLOW * load else []
 
 
 def _too_far(ratio: float) -> str:
@@ -115,16 +117,21 @@ def _slow(recording: Recording, ratio: float | None) -> str:
     return f"the clock: samples are {recording.spacing:.4g} s apart and the markers swing{slow}: {cause}"
 
 
-def _swing(recording: Recording) -> tuple[float, float, bool] | None:
-    """Amplitude of the fastest marker [m], time from 15 to 85 % of its first swing [s], whether it overshoots."""
+def _swing(recording: Recording) -> tuple[float, float, bool, float] | None:
+    """Amplitude of the fastest marker [m], time from 15 to 85 % of its first swing [s], whether it overshoots, and the
+    largest acceleration from row to row [m/s^2], noise and all; None where there is no motion but noise."""
     try:
         found = find_release(recording)
     except FitError:
         return None
     s = motion_along_shape(recording)
+    known = s[np.isfinite(s)]
+    if np.ptp(known) < CLEAR * scatter(known):
+        return None
+    fastest = float(np.abs(np.diff(known, 2)).max(initial=0.0)) / recording.spacing**2
     after = s[found.row :]
     after = np.abs(after[np.isfinite(after)] - after[np.isfinite(after)][0])
     settled = np.median(after[-max(3, len(after) // 5) :])
     places = recording.positions[found.row :]
     span = np.nanmax(np.linalg.norm(places - np.nanmedian(recording.positions[: found.row + 1], axis=0), axis=-1))
-    return 0.5 * float(span), found.rise * recording.spacing, bool(after.max() > OVERSHOOT * settled)
+    return 0.5 * float(span), found.rise * recording.spacing, bool(after.max() > OVERSHOOT * settled), fastest
