@@ -189,3 +189,10 @@ def test_a_gap_at_the_release_is_no_marker_that_slides():
     recording = swing()
     recording.positions[STILL - 5 : STILL + 10, 0] = np.nan
     assert told(recording) == ([], [])
+
+
+def test_one_marker_that_leaps_is_named():
+    recording = swing()
+    recording.positions[60:, 2, 0] += 1e-3
+    cut = {"release": STILL / RATE, "end": None, "frame": "none", "compare": "displacement"}
+    assert '"right" alone leaps' in leap_faults(measurement(recording, PLACES, **cut), NAMES)[0]

@@ -293,9 +293,3 @@ def test_irregular_sampling_and_gaps_are_no_leaps(noise):
         gaps = swing(noise)
         gaps.positions[random.random((120, 5)) < 0.3] = np.nan
         assert camera_faults(gaps, True) == []
-
-
-def test_one_marker_that_leaps_is_named():
-    recording = swing()
-    recording.positions[60:, 2, 0] += 1e-3
-    assert '"right" alone leaps' in leap_faults(cut(recording, 0.2), NAMES)[0]
