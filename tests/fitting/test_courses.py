@@ -193,6 +193,6 @@ def test_a_gap_at_the_release_is_no_marker_that_slides():
 
 def test_one_marker_that_leaps_is_named():
     recording = swing()
-    recording.positions[60:, 2, 0] += 1e-3
+    recording.positions[100:, 2, 0] += 2e-3
     cut = {"release": STILL / RATE, "end": None, "frame": "none", "compare": "displacement"}
     assert '"right" alone leaps' in leap_faults(measurement(recording, PLACES, **cut), NAMES)[0]
