@@ -113,6 +113,9 @@ def test_numbers_that_cannot_be_together_are_named(everything):
     status = look(given, state, 1e-2, still)
     assert f'joints["{label}"].high - low must not be negative: these limits cross' in describe(status)
     assert 'high - low of joint "axle" is -1' in str(jf.diagnose(model, given, state, told(status)))
+    beyond = params.joints[label].replace(high=jnp.full(1, 4.0))
+    given = params.replace(joints={**params.joints, label: beyond})
+    assert f'joints["{label}"].high must be within -pi and pi' in describe(look(given, state, 1e-2, still))
     off = params.joints[label].replace(low=jnp.full(1, jnp.inf), high=jnp.full(1, jnp.inf))  # an infinite limit is off
     assert int(look(params.replace(joints={**params.joints, label: off}), state, 1e-2, still)) == 0
 

@@ -14,6 +14,7 @@ from jaxfem.building.choose import ROTATION_UPDATES, Built, method_asked, with_m
 from jaxfem.building.coupled import with_coupling
 from jaxfem.building.drifting import drifting_bodies
 from jaxfem.building.far import warn_of_far
+from jaxfem.building.opened import warn_of_open
 from jaxfem.building.pattern import solver_order, sparsity
 from jaxfem.building.soft import body_constants, body_domains, check_answers, check_body, check_laws, more_constants
 from jaxfem.building.unused import warn_of_unused
@@ -93,6 +94,7 @@ def build(
     model, params, state = with_coupling(scene, every, model, params, state)
     warn_of_unused(scene, every, model, params)
     warn_of_far(scene.bodies, every, dtype)
+    warn_of_open(scene.joints)
     model = model.replace(drifting=drifting_bodies(scene, every, model))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')

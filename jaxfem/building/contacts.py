@@ -8,7 +8,7 @@ import numpy as np
 
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.curves import curves_on_shapes
-from jaxfem.building.faces import edges_on_surfaces, faces_on_shape
+from jaxfem.building.faces import edges_on_surfaces, faces_on_shape, warn_between_points
 from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
@@ -43,6 +43,7 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
                 f"{where}: its partners have nothing that could meet, points or curves of one against the distance of "
                 "the other; give a shape `features` or `segments`, or a TriangleMesh in its place"
             )
+        warn_between_points(meeting)
         for candidates in made:
             count = len(candidates.margin)
             numbers = contact.friction, contact.restitution, meeting.separation

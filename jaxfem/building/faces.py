@@ -20,6 +20,9 @@ AROUND_RIM = 8
 APART, MOST_PARTS = 0.5, 6
 """Of the other body's thickness: how far apart points of an edge are; and parts that an edge has at most."""
 
+FEW = 2
+"""Points that are chosen for themselves, not as parts of a surface."""
+
 
 def faces_on_shape(meeting: Meeting) -> Iterator[Any]:
     """Triangles of a soft a against a rigid b or ground, and the latter's points against the triangles.
@@ -74,6 +77,42 @@ def _other_points(shape: Shape, ground: bool) -> np.ndarray:
         places, radius = shape.features()
         found.append(places[radius == 0])
     return np.concatenate(found)
+
+
+def warn_between_points(meeting: Meeting) -> None:
+    """Warn where the other side may slip between the points of a soft a that the user chose, and nothing else meets it.
+
+    Triangles of chosen nodes meet what is thin, vertices of an embedded surface have none; a soft b's nodes meet a's
+    triangles only where a's points are not chosen. Some points at most are taken at their word.
+    """
+    a, b = meeting.a, meeting.b
+    if a.kind != "soft" or a == b or not meeting.chosen or meeting.contact.faces is False:
+        return
+    if b is not None and b.kind == "soft":
+        thickness = _thickness(meeting.bodies.soft[b.number].mesh.points)
+    else:
+        shape = meeting.opposite[0]
+        thickness = np.inf if shape is None or len(meeting.faces()) else shape.thickness()
+    if not np.isfinite(thickness) or (apart := _apart(meeting)) <= thickness:
+        return
+    what = "vertices of its surface" if meeting.contact.surface is not None else "its nodes"
+    warnings.warn(
+        f"{meeting.where}: {what} are up to {apart:.3g} m apart and the other side is {thickness:.3g} m thin, so it "
+        "may pass between them: give a finer surface or more nodes, or leave them out, so that triangles touch as well "
+        "(faces=False where that does not matter)",
+        AccuracyWarning,
+        stacklevel=5,
+    )
+
+
+def _apart(meeting: Meeting) -> float:
+    """How far [m] a's point that is furthest from the one next to it is, at rest; 0 for few."""
+    from scipy.spatial import cKDTree  # slow to import: only where points are chosen
+
+    points = meeting.points.points
+    rest = np.concatenate([body.mesh.points for body in meeting.bodies.soft])
+    places = np.einsum("qk,qki->qi", points.weights, rest[points.nodes])
+    return float(cKDTree(places).query(places, k=2)[0][:, 1].max()) if len(places) > FEW else 0.0
 
 
 def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:

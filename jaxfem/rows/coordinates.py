@@ -3,6 +3,7 @@
 Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows act along it.
 """
 
+import math
 from dataclasses import field
 from typing import Any, Protocol
 
@@ -30,7 +31,8 @@ class Measured(Pytree):
 
 
 class Coordinate(Protocol):
-    """m coordinates of one kind. `length`, where they have it, says whether they are lengths, else angles."""
+    """m coordinates of one kind. `length`, where they have it, says whether they are lengths, else angles; `turn`,
+    after how much they are the same again."""
 
     def measured(self, at: Configuration) -> Measured:
         """Where they are."""
@@ -46,6 +48,11 @@ class Angle(Pytree):
     def length(self) -> bool:
         """An angle."""
         return False
+
+    @property
+    def turn(self) -> float:
+        """A whole one [rad]."""
+        return 2 * math.pi
 
     def measured(self, at: Configuration) -> Measured:
         """atan2 of b's first axis along a's second and first."""
@@ -110,6 +117,11 @@ class CoordinateRows(JointRows):
         ends: Any = self.coordinate
         return f"{ends.a.kind}-{ends.b.kind}"
 
+    def near(self, value: Array, place: Array) -> Array:
+        """A value (m,) less whole turns, so that it is no further than half of one from `place` (m,)."""
+        turn = getattr(self.coordinate, "turn", None)
+        return value if turn is None else value - turn * jnp.round((value - place) / turn)
+
 
 class LengthValues(Pytree):
     """`length` (m,) [m] of distance joints and ropes, beside their softness."""
@@ -154,6 +166,10 @@ class LimitValues(Pytree):
     damping: Any = field(metadata=within(low=0) | positive("limit_damping", "N s/m", "damping of limits", "N m s"))
 
 
+WITHIN_A_TURN = Range(
+    -math.pi, math.pi, advice="must be within -pi and pi, as angles are, or infinite where there is no limit"
+)
+"""Of limits of an angle that are finite."""
 UNCROSSED = Range(low=0, infinite=True, advice="must not be negative: these limits cross")
 """Of the upper less the lower limit."""
 
@@ -171,16 +187,25 @@ class Limit(CoordinateRows):
         return idle_damping(values)
 
     def combined(self, values: LimitValues) -> dict[str, tuple[Any, Range]]:
-        """Limits do not cross."""
+        """Limits do not cross, and those of angles are where angles are."""
         apart = jnp.where(values.high >= values.low, 0, values.high - values.low)
-        return {"high - low": (apart, UNCROSSED)}
+        found: dict[str, tuple[Any, Range]] = {"high - low": (apart, UNCROSSED)}
+        if getattr(self.coordinate, "turn", None) is not None:
+            both = {"low": values.low, "high": values.high}
+            found |= {name: (jnp.where(jnp.isinf(each), 0, each), WITHIN_A_TURN) for name, each in both.items()}
+        return found
 
     def rows(self, at: Configuration, values: LimitValues, stage: Stage) -> PointRows:
-        """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off."""
+        """Rows (m, 2): s - low with impulse >= 0, s - high with impulse <= 0. An infinite limit is off.
+
+        An angle between two that is beyond one of them is beyond the nearer one, also past a half turn.
+        """
         s = self.coordinate.measured(at)
         low, high = values.low, values.high
         on = jnp.stack([jnp.isfinite(low), jnp.isfinite(high)], -1)
-        gap = jnp.where(on, s.value[:, None] - jnp.where(on, jnp.stack([low, high], -1), 0), 0)
+        both = on.all(-1)
+        value = jnp.where(both, self.near(s.value, jnp.where(both, (low + high) / 2, 0)), s.value)
+        gap = jnp.where(on, value[:, None] - jnp.where(on, jnp.stack([low, high], -1), 0), 0)
         jacobian = s.jacobian * on[:, :, None]
         rows = spring_rows(gap, s.triples, jacobian, Softness(values.compliance, values.damping), at, stage)
         zero, far = jnp.zeros_like(gap[:, :1]), jnp.full_like(gap[:, :1], jnp.inf)
@@ -210,9 +235,13 @@ UNDAMPED = Range(
 
 
 class Drive(CoordinateRows):
-    """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force."""
+    """Drives the coordinate to a target rate or, with `position`, to a target value, with bounded force.
+
+    `around`: an angle goes to its target the short way round, else never through a half turn.
+    """
 
     position: bool = static(default=False)
+    around: bool = static(default=False)
 
     @property
     def holds(self) -> bool:
@@ -238,7 +267,8 @@ class Drive(CoordinateRows):
         weight = stage.numbers(s.triples[:, :1])[2]
         bound = weight * values.strength[:, None]
         if self.position:
-            gap = (s.value - values.target)[:, None]
+            value = self.near(s.value, values.target) if self.around else s.value
+            gap = (value - values.target)[:, None]
             rows = spring_rows(gap, s.triples, s.jacobian, Softness(values.compliance, values.damping), at, stage)
         else:
             compliance = values.compliance[:, None] / weight

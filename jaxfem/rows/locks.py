@@ -8,6 +8,7 @@ For backward Euler C = alpha / (dt (dt + alpha d)), c = -g / (dt + alpha d). alp
 taken back within the step (Baumgarte 1972 with the whole gap a step).
 """
 
+import math
 from dataclasses import field
 from typing import Any, Protocol, Self, runtime_checkable
 
@@ -32,6 +33,10 @@ from jaxfem.schemes import Stage
 from jaxfem.tensors import contract
 
 Array = jax.Array
+
+
+SMALL = 1e-4
+"""Square of a sine below which an angle is a series, or next to a half turn."""
 
 
 class Softness(Pytree):
@@ -180,17 +185,52 @@ class FrameLock(JointRows):
         return idle_damping(values)
 
     def rows(self, at: Configuration, values: Softness, stage: Stage) -> PointRows:
-        """Gap: the turn from a's axes to b's; its rate is the relative spin to first order."""
+        """Gap: the turn from a's axes to b's, up to half a one; its rate is the relative spin to first order.
+
+        A spring's torque is along that turn, in whose direction the rate is exact: its work is that of its energy.
+        """
         axes, other = self.a.axes(at), self.b.axes(at)
         triples, spin = relative_spin(self.a, self.b, at)
         if self.held == 3:  # sum of the axes' cross products: 2 sin(angle) times the direction of the turn
-            gap = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
+            sine = 0.5 * jnp.sum(jnp.cross(axes, other, axis=1), -1)
+            cosine = 0.5 * (jnp.sum(axes * other, (1, 2)) - 1)
+            spare = _half_turn_axis(contract("mik,mjk->mij", other, axes))
         else:
-            gap = jnp.cross(axes[:, :, 2], other[:, :, 2])
+            sine = jnp.cross(axes[:, :, 2], other[:, :, 2])
+            spare = jnp.where(jnp.sum(sine**2, -1, keepdims=True) > 0, sine, axes[:, :, 0])
+            cosine = jnp.sum(axes[:, :, 2] * other[:, :, 2], -1)
+        gap = _turn(sine, cosine, spare)
         about = axes[:, :, : self.held]
         return spring_rows(
             contract("mij,mi->mj", about, gap), triples, contract("mij,mik->mjk", about, spin), values, at, stage
         )
+
+
+def _turn(sine: Array, cosine: Array, spare: Array) -> Array:
+    """Rotation vectors (m, 3) from sin(angle) times their directions (m, 3) and cos(angle) (m,).
+
+    `spare` (m, 3): their directions, of either sign, near half a turn, where the sine has none.
+    """
+    square, ahead = jnp.sum(sine**2, -1), cosine > 0
+    small, back = ahead & (square < SMALL), ~ahead & (square < SMALL)
+    size = jnp.sqrt(jnp.where(small | back, 1, square))
+    longer = jnp.arctan2(size, cosine) / size
+    series = 1 + square / 6 * (1 + square * 9 / 20 * (1 + square * 25 / 42))
+    spare = jax.lax.stop_gradient(spare / _safe(spare))
+    along = jnp.sum(spare * sine, -1)
+    half = jnp.where(along < 0, -math.pi, math.pi) - along
+    found = jnp.where(small, series, longer)[:, None] * sine
+    return jnp.where(back[:, None], half[:, None] * spare, found)
+
+
+def _half_turn_axis(rotation: Array) -> Array:
+    """Axes (m, 3), of any sign and length, of turns (m, 3, 3) by about a half: columns of (R + R' - 2 cos I) / 2."""
+    even = 0.5 * (rotation + jnp.swapaxes(rotation, 1, 2))
+    diagonal = jnp.diagonal(even, axis1=1, axis2=2)
+    longest = jnp.argmax(diagonal, axis=1)
+    column = jnp.take_along_axis(even, longest[:, None, None], 2)[:, :, 0]
+    cosine = 0.5 * (jnp.sum(diagonal, 1) - 1)
+    return column - cosine[:, None] * (jnp.arange(3) == longest[:, None])
 
 
 def along_axes(a: Placed, b: Placed, frame: Frame, at: Configuration) -> tuple[Array, Array, Array]:

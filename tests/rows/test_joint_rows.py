@@ -125,3 +125,34 @@ def test_tangents_are_orthonormal():
     normal /= jnp.linalg.norm(normal, axis=1, keepdims=True)
     frame = np.concatenate([np.asarray(tangents(normal)), np.asarray(normal)[:, None]], 1)
     np.testing.assert_allclose(np.einsum("mij,mkj->mik", frame, frame), np.tile(np.eye(3), (50, 1, 1)), atol=1e-12)
+
+
+@pytest.mark.parametrize("held", [3, 2])
+def test_frames_are_apart_by_the_angle_between_them_up_to_half_a_turn(held):
+    """It was the sine: a soft weld bent further than a quarter turn gave way, and turned over it was closed."""
+    axes = np.array([[1.0, 0, 0], [0.6, 0.8, 0]]) if held == 2 else np.array([[2.0, -1, 2], [0, 0, 3]]) / 3
+    lock = FrameLock(FRAME, RigidFrame(bodies(1, 2), jnp.tile(jnp.eye(3), (2, 1, 1))), held)
+
+    @jax.jit
+    def gap(angle):
+        half = angle / 2
+        turn = jnp.concatenate([jnp.full((1, 1), jnp.cos(half)), jnp.sin(half) * axes[:1]], 1)
+        back = jnp.concatenate([jnp.full((1, 1), jnp.cos(half)), jnp.sin(half) * axes[1:]], 1)
+        start = jnp.asarray([[1.0, 0, 0, 0]])
+        q = jnp.concatenate([start, turn, product(turn[0], back[0])[None]])
+        at = Configuration(jnp.zeros((0, 3)), jnp.zeros((3, 3)), quaternion_to_matrix(q))
+        return -lock.rows(at, RIGID, STAGE).bias
+
+    for angle in (0.0, 1e-9, 0.00999, 0.0101, 1.0, np.pi / 2, 2.5, 3.14, np.pi):
+        found = np.asarray(gap(angle))
+        np.testing.assert_allclose(np.linalg.norm(found, axis=1), angle, atol=2e-7, rtol=1e-12)
+        if angle < 3.14:  # along the turn, in a's own axes
+            np.testing.assert_allclose(found, angle * axes[:, :held], atol=2e-7)
+    slope = np.asarray(jax.jit(jax.jacrev(gap))(0.0))
+    np.testing.assert_allclose(slope, axes[:, :held], atol=1e-12)
+
+
+def product(p, q):
+    """Of two quaternions."""
+    vector = p[0] * q[1:] + q[0] * p[1:] + jnp.cross(p[1:], q[1:])
+    return jnp.concatenate([p[:1] * q[:1] - jnp.dot(p[1:], q[1:]), vector])

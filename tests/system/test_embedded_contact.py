@@ -1,12 +1,17 @@
 """Contact with the vertices of a surface embedded in a soft body."""
 
+import warnings
+
 import derivatives
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxfem as jf
+from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.embedded import embedded
+from jaxfem.building.faces import warn_between_points
+from jaxfem.building.meetings import meeting_of
 
 NOTHING = (0.0, 0.0, 0.0)
 RADIUS = 0.06
@@ -31,6 +36,39 @@ def test_points_stay_where_they_are_at_rest_also_outside_the_mesh():
     cells, weights = embedded(mesh, points, "surface")
     np.testing.assert_allclose(np.einsum("qk,qki->qi", weights, mesh.points[cells]), points, atol=1e-14)
     assert weights.min() < 0 and np.abs(points).max() > 0.1
+
+
+def test_what_may_pass_between_chosen_points_is_told():
+    """A pea between vertices of a coarse surface, a soft leaf between chosen nodes: they fell through in silence."""
+    grid = np.stack(np.meshgrid([-0.1, 0.0, 0.1], [-0.1, 0.0, 0.1], [-0.1]), -1).reshape(-1, 3)
+    pea = jf.RigidBody(jf.Sphere(0.02), mass=1.0, position=(0.05, 0.05, -0.2), name="pea")
+    pot = jf.RigidBody(jf.Sphere(0.06), mass=1.0, position=(0.05, 0.05, -0.2), name="pot")
+    mesh = jf.mesh.box((0.4, 0.4, 0.02), (2, 2, 1), origin=(-0.2, -0.2, -0.2))
+    leaf = jf.SoftBody(mesh, 2e5, 0.3, 1000.0, name="leaf")
+    body = block()
+
+    def told(other, **chosen):
+        soft = [each for each in (body, other) if isinstance(each, jf.SoftBody)]
+        rigid = [each for each in (body, other) if isinstance(each, jf.RigidBody)]
+        index = BodyIndex(soft, [x.name for x in soft], rigid, [x.name for x in rigid])
+        with warnings.catch_warnings(record=True) as caught:
+            warnings.simplefilter("always")
+            warn_between_points(meeting_of(jf.Contact(body, other, **chosen), index, "contact 0"))
+        return [str(each.message) for each in caught]
+
+    assert (
+        "vertices of its surface are up to 0.1 m apart and the other side is 0.04 m thin" in told(pea, surface=grid)[0]
+    )
+    assert "its nodes are up to 0.1 m apart and the other side is 0.02 m thin" in told(leaf, nodes="z-")[0]
+    for silent in (
+        told(pot, surface=grid),
+        told(pea, surface=grid, faces=False),
+        told(pea, surface=grid[:1]),
+        told(pea, nodes="z-"),  # whose triangles meet it
+        told(pea),
+        told(jf.Plane((0, 0, -0.2)), surface=grid),
+    ):
+        assert not silent
 
 
 @pytest.mark.slow

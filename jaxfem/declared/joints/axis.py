@@ -31,6 +31,8 @@ class AxisJoint(Joint):
     motor: Motor | None = field(default=None, metadata=takes(Nested(Motor, optional=True)))
     measure: ClassVar[str]
     """Word for the free coordinate."""
+    unit: ClassVar[str]
+    """Its unit."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -41,6 +43,10 @@ class AxisJoint(Joint):
             raise SceneError(f'limits of "{label}" are {self.low:g} to {self.high:g}: give low <= high')
         if self.motor is not None and not isinstance(self.motor, Motor):
             raise SceneError(f'motor of "{label}" is a {type(self.motor).__name__}; give a Motor(...)')
+
+    def open_by(self) -> tuple[float, str]:
+        """How far 0, where it starts, is beyond its limits."""
+        return max(self.low, -self.high, 0.0), self.unit
 
     def parts(self, bodies: Attachments, where: str) -> Iterator[Part]:
         """Its locks, and limits and motor where it has them."""
@@ -66,4 +72,5 @@ class AxisJoint(Joint):
     def _driven(self, motor: Motor, coordinate: Coordinate) -> Part:
         values = DriveValues(motor.target, motor.strength, motor.compliance, motor.damping)
         kind = "position motor" if motor.position else "motor"
-        return Part(f"{self.measure} {kind}", Drive(coordinate, position=motor.position), values)
+        around = motor.position and not np.isfinite([self.low, self.high]).any()
+        return Part(f"{self.measure} {kind}", Drive(coordinate, position=motor.position, around=around), values)

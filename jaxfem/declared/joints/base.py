@@ -82,6 +82,10 @@ class Joint(Declared):
         """What it has that changes nothing, in words; numbers of its rows tell that themselves."""
         yield from ()
 
+    def open_by(self) -> tuple[float, str]:
+        """How far it is from where it holds at the start, if it is rigid, and the unit of that; 0 where it holds."""
+        return 0.0, "m"
+
     def flaw(self) -> str:
         """What is wrong with a field, and what to do; empty where nothing is. Values that it may leave out may be."""
         defaults = {each.name: each.default for each in dataclasses.fields(self)}

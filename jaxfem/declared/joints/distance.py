@@ -11,6 +11,9 @@ from jaxfem.declared.joints.base import Attachments, Joint, Part
 from jaxfem.inputs import Number, Vector, takes
 from jaxfem.rows.coordinates import Distance, LengthValues, Separation
 
+ROUNDED = 1e-3
+"""Of a length: what is no more is rounding, or laid by hand."""
+
 
 class DistanceJoint(Joint, kind="distance", variants={"rope": {"rope": True}}):
     """The distance between `anchor` of a and `anchor_b` of b is `length` [m] (that of the start without it).
@@ -33,10 +36,21 @@ class DistanceJoint(Joint, kind="distance", variants={"rope": {"rope": True}}):
             raise SceneError(f'"{self.label}" joins two points at one place: use a BallJoint, or a rope')
 
     @property
+    def start_length(self) -> float:
+        """The distance at the start [m]."""
+        return float(np.linalg.norm(np.asarray(self.anchor_b, float) - np.asarray(self.anchor, float)))
+
+    @property
     def rest_length(self) -> float:
         """The length to hold [m]."""
-        start = np.linalg.norm(np.asarray(self.anchor_b, float) - np.asarray(self.anchor, float))
-        return float(start if self.length is None else self.length)
+        return self.start_length if self.length is None else float(self.length)
+
+    def open_by(self) -> tuple[float, str]:
+        """A length that is not that of the start; of a rope, one that is shorter. Springs may be strained."""
+        longer = self.start_length - self.rest_length
+        gap = max(longer, 0.0) if self.rope else abs(longer)
+        laid = gap <= ROUNDED * max(self.start_length, self.rest_length)
+        return (0.0 if laid or self.compliance else gap), "m"
 
     def parts(self, bodies: Attachments, where: str) -> Iterator[Part]:
         """One row along the line between the points."""

@@ -19,6 +19,7 @@ class HingeJoint(AxisJoint, kind="hinge"):
     """
 
     measure: ClassVar[str] = "angle"
+    unit: ClassVar[str] = "rad"
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -11,7 +11,8 @@ class Motor:
     """Drives a hinge's angle or a slider's travel.
 
     `target`: a rate [rad/s or m/s] or, with `position`, a value [rad or m]. `strength`: torque or force at most [N m or
-    N]. `compliance` and `damping` as of joints: a position motor is a bounded spring 1 / compliance with a damper.
+    N]. `compliance` and `damping` as of joints: a position motor is a bounded spring 1 / compliance with a damper; that
+    of a hinge without limits goes the short way round.
     """
 
     target: float = dataclasses.field(metadata=takes(Number()))

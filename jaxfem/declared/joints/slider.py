@@ -16,6 +16,7 @@ class SliderJoint(AxisJoint, kind="slider"):
     """
 
     measure: ClassVar[str] = "travel"
+    unit: ClassVar[str] = "m"
 
     def locks(self, ends: Ends) -> Iterator[Part]:
         """The line along the axis, and all turns."""

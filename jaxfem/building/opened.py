@@ -1,0 +1,21 @@
+"""Joints that do not hold where their bodies start: a warning from `build`, with how far they are open."""
+
+import warnings
+from collections.abc import Sequence
+
+from jaxfem.declared.errors import AccuracyWarning
+from jaxfem.declared.joints import Joint
+
+
+def warn_of_open(joints: Sequence[Joint]) -> None:
+    """Warn of each rigid joint that is open at the start: closing it throws what it holds; host side."""
+    for joint in joints:
+        gap, unit = joint.open_by()
+        if gap > 0:
+            warnings.warn(
+                f'joint "{joint.label}" is open by {gap:.3g} {unit} at the start: the first steps close it, at any '
+                "speed that takes, and what it holds may keep that speed. Start where it holds, give the length or "
+                "limits that it has there, or drive it there by a motor",
+                AccuracyWarning,
+                stacklevel=3,
+            )
