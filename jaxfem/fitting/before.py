@@ -7,13 +7,13 @@ apart at all.
 
 import dataclasses
 from collections.abc import Sequence
-from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
 from jaxfem.fitting.course_checks import course_faults, rigid_faults
+from jaxfem.fitting.direction_checks import direction_faults
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.markers import Markers, carried
@@ -28,7 +28,8 @@ from jaxfem.model import Model, Params, State, nodal_mass
 from jaxfem.solvers import Status
 from jaxfem.system.soft import external_force
 
-AGAINST = -0.5  # cosine between recorded and simulated motion, below which they are opposed
+BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
+"""First words of paths of what sets bodies in motion."""
 
 
 def refuse(faults: Sequence[str], checks: str) -> list[str]:
@@ -56,13 +57,14 @@ def written_faults(
         nominal = np.asarray(pixels(jnp.asarray(recording.camera), jnp.asarray(nominal)))
         faults = pixel_faults(measured.stood, nominal, recording.names)
         return [*faults, *jump_faults(recording), *pace_faults(recording, None)], pauses_in_words(recording)
-    faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare)
+    moved = float(np.abs(measured.positions - measured.origin)[measured.seen].max())
+    faults, notes = place_faults(measured.stood, nominal, recording.names, frame, compare, moved)
     if not faults:
         faults = [*jump_faults(recording), *pace_faults(recording, load_acceleration(model, params, state))]
     if not faults:
         faults = [
             *camera_faults(recording, is_held(model)),
-            *([*again_faults(recording, measured), *leap_faults(measured)] if is_held(model) else []),
+            *([*again_faults(recording, measured), *leap_faults(measured, recording.names)] if is_held(model) else []),
             *late_faults(measured, falling(model, params, state, late)),
         ]
     return faults, [*notes, *pauses_in_words(recording)]
@@ -131,6 +133,7 @@ def start_faults(
     """What one linearised simulation of each take at the start z shows; nothing where one breaks down, which the search
     may mend."""
     faults, columns, size = [], [], 0.0
+    turned = any(each.split(".")[0] in BEGINNINGS for each in evaluator.unknowns.names)
     for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
         residual, own, outcome = piece.linearised(z)
         jacobian = np.zeros((z.size, residual.size))
@@ -143,7 +146,10 @@ def start_faults(
         columns.append(jacobian)
         coupled = piece.problem.model.coupled  # what bounces or swings may be anywhere, with values that are off
         if frame != "all" and not coupled:
-            faults += _direction(simulated, taken, piece.problem.markers.names, piece.plan.compare)
+            names, model = piece.problem.markers.names, piece.problem.model
+            unit = "m" if piece.problem.camera is None else "px"
+            alike = len(model.bodies) == 1 and not any("." in each for each in evaluator.unknowns.names)
+            faults += direction_faults(simulated, taken, names, piece.plan.compare, not turned, alike, unit)
     joined = np.concatenate(columns, axis=1)
     if evaluator.priors is not None:
         prior = evaluator.variance**0.5 * evaluator.priors.rows(z)[1].T
@@ -208,39 +214,3 @@ def outside(params: Params, unknown: Unknowns) -> list[str]:
             inside = float(np.clip(value, low, high))
             notes.append(f"{each.name} of the scene, {value:.4g}, is outside the bounds: the start is {inside:.4g}")
     return notes
-
-
-def _direction(simulated: np.ndarray, measured: Measurement, names: Sequence[str], compare: str) -> list[str]:
-    """Markers that move against the simulated motion: an axis or gravity points the other way.
-
-    The direction hardly depends on the stiffness. Compared is the mean of each marker's displacement over time.
-    """
-    seen = measured.seen[..., None]
-    count = np.maximum(seen.sum(axis=0), 1)
-    real = np.where(seen, measured.positions - measured.origin, 0.0).sum(axis=0) / count
-    told = np.where(seen, simulated - simulated[0], 0.0).sum(axis=0) / count
-    if measured.free_origin or compare == "position":  # the origin is any guess there: the first sample of each marker
-        first = np.take_along_axis(measured.positions, np.argmax(measured.seen, axis=0)[None, :, None], axis=0)[0]
-        real = np.where(seen, measured.positions - first, 0.0).sum(axis=0) / count
-    scale = np.linalg.norm(real) * np.linalg.norm(told)
-    if scale == 0:
-        return []
-    if (cosine := float((real * told).sum() / scale)) > AGAINST:
-        return _one_against(real, told, names) if cosine > 0 else []
-    axes: Any = [axis for axis, a, b in zip("xyz", real.sum(axis=0), told.sum(axis=0), strict=True) if a * b < 0]
-    return [
-        f"the axes: the markers move against what the scene's loads make the body do (cosine {cosine:.2f}; along "
-        f"{', '.join(axes) or 'all axes'}): turn the sign of that axis in the recording, or of gravity or the loads"
-    ]
-
-
-def _one_against(real: np.ndarray, told: np.ndarray, names: Sequence[str]) -> list[str]:
-    """Single markers that move against their simulated motion, among those that move much."""
-    far, near = np.linalg.norm(told, axis=1), np.linalg.norm(real, axis=1)
-    cosines = (real * told).sum(axis=1) / np.maximum(far * near, np.finfo(float).tiny)
-    much = (far > 0.3 * far.max()) & (near > 0.3 * near.max())
-    return [
-        f'the places: "{names[k]}" moves against its simulated motion (cosine {cosines[k]:.2f}) while the others move '
-        "along: see its name, its place and its columns"
-        for k in np.flatnonzero(much & (cosines < AGAINST)).tolist()
-    ]

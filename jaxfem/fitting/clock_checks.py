@@ -4,12 +4,16 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view as sliding
 
 from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.formats.units import LENGTHS
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.release import find_release, motion_along_shape, scatter
 
 JUMP = 5.0  # spacings: a longer pause is looked at
 LASTING = 8  # rows with a rate of their own
 FAST = 20.0  # times the acceleration of the loads: no stiffness gives more
+SLOW = 0.25  # times that acceleration: what is faster from one row to the next does not swing too slowly
+CLEAR = 8.0  # times the noise: less is none of a motion
+USUAL = 1.2  # of a swing whose unit is right
 OVERSHOOT = 1.1  # of the settled displacement: the body swings, so that its inertia is felt
 
 
@@ -75,7 +79,7 @@ def pace_faults(recording: Recording, load: float | None) -> list[str]:
     found = _swing(recording)
     if found is None:
         return []
-    amplitude, rise, swings = found
+    amplitude, rise, swings, fastest = found
     frequency = 1.55 / rise  # from 15 to 85 % of the way to the first peak, of 1 - cos
     whole = bool(np.allclose(recording.times, np.round(recording.times), atol=1e-9)) and recording.spacing >= 1.0
     if load is None or load == 0:
@@ -84,34 +88,50 @@ def pace_faults(recording: Recording, load: float | None) -> list[str]:
     if ratio > FAST:
         return [
             f"the motion: {2e3 * amplitude:.3g} mm in {rise:.3g} s is {ratio:.3g} times faster than a body of any "
-            "stiffness moves under the scene's loads: see the units of places and times, the loads and the density"
+            f"stiffness moves under the scene's loads{_too_far(ratio)}: see the units of places and times, the loads "
+            "and the density"
         ]
-    return [_slow(recording, ratio)] if ratio < 1 / FAST and swings else []
+    return [_slow(recording, ratio)] if ratio < 1 / FAST and swings and fastest < SLOW * load else []
+
+
+def _too_far(ratio: float) -> str:
+    """The unit of places that explains so fast a motion, where one does."""
+    for sign in ("mm", "cm", "in"):
+        if 0.5 < ratio / USUAL * LENGTHS[sign] < 2:
+            return f", as places in {sign} that are taken for m do"
+    return ""
 
 
 def _slow(recording: Recording, ratio: float | None) -> str:
     times = recording.times
     steps = np.diff(times)
     if np.allclose(steps, 1.0, atol=1e-9):
-        cause = "its times look like frame numbers: divide them by the rate"
+        cause = "its times look like frame numbers: divide them by the rate, or read it with rate=100, say"
     elif 0.9 < recording.spacing < 400 and (ratio is None or 1e-8 < ratio < 1e-4):
         cause = "its times look like milliseconds: call the column time_ms, or divide them by 1000"
+    elif ratio is not None and 1e-14 < ratio < 1e-10:
+        cause = "its times look like microseconds: call the column time_us, or divide them by 1e6"
     else:
         cause = "its times are not seconds, or the loads, the places' unit or the density are wrong"
     slow = "" if ratio is None else f", {1 / np.sqrt(ratio):.3g} times slower than the scene's loads make a body swing"
     return f"the clock: samples are {recording.spacing:.4g} s apart and the markers swing{slow}: {cause}"
 
 
-def _swing(recording: Recording) -> tuple[float, float, bool] | None:
-    """Amplitude of the fastest marker [m], time from 15 to 85 % of its first swing [s], whether it overshoots."""
+def _swing(recording: Recording) -> tuple[float, float, bool, float] | None:
+    """Amplitude of the fastest marker [m], time from 15 to 85 % of its first swing [s], whether it overshoots, and the
+    largest acceleration from row to row [m/s^2], noise and all; None where there is no motion but noise."""
     try:
         found = find_release(recording)
     except FitError:
         return None
     s = motion_along_shape(recording)
+    known = s[np.isfinite(s)]
+    if np.ptp(known) < CLEAR * scatter(known):
+        return None
+    fastest = float(np.abs(np.diff(known, 2)).max(initial=0.0)) / recording.spacing**2
     after = s[found.row :]
     after = np.abs(after[np.isfinite(after)] - after[np.isfinite(after)][0])
     settled = np.median(after[-max(3, len(after) // 5) :])
     places = recording.positions[found.row :]
     span = np.nanmax(np.linalg.norm(places - np.nanmedian(recording.positions[: found.row + 1], axis=0), axis=-1))
-    return 0.5 * float(span), found.rise * recording.spacing, bool(after.max() > OVERSHOOT * settled)
+    return 0.5 * float(span), found.rise * recording.spacing, bool(after.max() > OVERSHOOT * settled), fastest

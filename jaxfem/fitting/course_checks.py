@@ -67,6 +67,12 @@ def course_faults(
     period = None if places is None else _period(places)
     if places is None or period is None or len(places) < PERIODS * period:
         return [], []
+    full = [
+        _longest_gap(seen) <= period // 2 for seen in recording.seen[:, marks].T
+    ]  # what fills longer ones is no swing
+    marks, places = marks[full], places[:, full]
+    if marks.size < 2:
+        return [], []
     fast = places - _mean(places, period)
     energy = _mean((fast**2).sum(axis=(1, 2))[:, None, None], max(3, period // 2))[:, 0, 0]
     if backwards := _backwards(recording.times, energy, _noise(fast), period):
@@ -273,6 +279,11 @@ def _filled(places: np.ndarray) -> np.ndarray | None:
         for axis in range(3):
             filled[:, marker, axis] = np.interp(rows, rows[there], places[there, marker, axis])
     return filled
+
+
+def _longest_gap(seen: np.ndarray) -> int:
+    """Rows (T,) in a row in which a marker is not seen, at most."""
+    return int(np.diff(np.flatnonzero(np.r_[True, seen, True])).max()) - 1
 
 
 def _mean(values: np.ndarray, rows: int) -> np.ndarray:

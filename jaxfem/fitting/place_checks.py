@@ -16,14 +16,16 @@ CLOSE = 0.25  # by which a ratio of lengths may differ from a unit's
 LOOSE = 0.1  # of the cloud's size: places are known to a few hundredths of it
 BETTER = 0.3  # share of the misfit that an explanation may leave
 AXES = "xyz"
+_SCALED = "their given places, as inches taken for cm do: correct their unit, or see that both are of the same body"
 
 
 def place_faults(
-    measured: np.ndarray, nominal: np.ndarray, names: Sequence[str], frame: str, compare: str
+    measured: np.ndarray, nominal: np.ndarray, names: Sequence[str], frame: str, compare: str, moved: float = 0.0
 ) -> tuple[list[str], list[str]]:
     """(faults, notes) of measured places (M, 3) [m] before the release, NaN where unknown, against the given ones.
 
-    A fault makes the fit wrong; a note is worth knowing. `frame`, `compare` as in `fit`.
+    A fault makes the fit wrong; a note is worth knowing. `frame`, `compare` as in `fit`; `moved` [m]: how far markers
+    move behind the release.
     """
     known = np.isfinite(measured).all(axis=1)
     p, q = measured[known], nominal[known]
@@ -31,9 +33,9 @@ def place_faults(
     if not len(p):
         return [], []
     size = _spread(q) if len(q) > 1 else 0.0
-    if frame == "none" and compare == "displacement" and np.abs(p).max() < 0.02 * max(size, np.abs(q).max()):
+    if frame == "none" and compare == "displacement" and np.abs(p).max() < 0.02 * max(size, np.abs(q).max(), moved):
         return [], ["the recording holds displacements, not places: taken as they are"]
-    unit = list(_unit(p, q, size, frame))
+    unit = unit_faults(measured, nominal, names, frame)
     if unit or len(p) == 1:
         return unit or list(_far(p, q, 0.5 * np.abs(q).max(), named, frame, compare)), []
     faults = list(_arrangement(p, q, named, size, frame))
@@ -50,6 +52,21 @@ def place_faults(
                 f"all markers are shifted by {1e3 * shift:.3g} mm: only displacements are compared, so it is free"
             )
     return faults, notes
+
+
+def unit_faults(measured: np.ndarray, nominal: np.ndarray, names: Sequence[str], frame: str) -> list[str]:
+    """Faults of places (M, 3) [m] that are far too large or small: another unit, of all columns or of some."""
+    known = np.isfinite(measured).all(axis=1)
+    p, q = measured[known], nominal[known]
+    if not len(p):
+        return []
+    size = _spread(q) if len(q) > 1 else 0.0
+    faults = list(_unit(p, q, size, frame))
+    if not faults or len(p) == 1 or _rigid_misfit(p * size / _spread(p), q) < 0.5 * LOOSE * size:
+        return faults
+    named = [name for name, there in zip(names, known, strict=True) if there]
+    left, words = min(_columns(p, q, named, frame), key=lambda each: each[0])
+    return [words] if left < 0.5 * LOOSE * size else faults
 
 
 def pixel_faults(measured: np.ndarray, nominal: np.ndarray, names: Sequence[str]) -> list[str]:
@@ -120,7 +137,7 @@ def _arrangement(p: np.ndarray, q: np.ndarray, names: Sequence[str], size: float
             (mirrored, "the axes: the recording is mirrored, one of its axes points the other way. Turn its sign")
         )
     if frame == "none":
-        for turned, words in _axis_changes():
+        for turned, words in axis_changes():
             options.append((_shift_misfit(p @ turned.T, q), words))
         options.append(
             (
@@ -129,8 +146,12 @@ def _arrangement(p: np.ndarray, q: np.ndarray, names: Sequence[str], size: float
                 'frame = "rest" (or "all")',
             )
         )
-    for left, words in sorted(options, key=lambda each: each[0] > limit):  # the first, simplest one that explains it
-        if left <= limit:
+    options += _columns(p, q, names, frame)
+    ratio = _spread(p) / size
+    options.append((measure(p / ratio, q), f"the scale: markers stand {ratio:.3g} times as far apart as {_SCALED}"))
+    good = min(limit, max(2 * min(left for left, _ in options), 0.1 * LOOSE * size))
+    for left, words in options:  # the first, simplest one of those that explain it about equally well
+        if left <= good:
             yield f"{words} (misfit {1e3 * asked:.3g} mm rms as they are, {1e3 * left:.3g} mm then)"
             return
     if asked > LOOSE * size and misfit > LOOSE * size:
@@ -139,6 +160,25 @@ def _arrangement(p: np.ndarray, q: np.ndarray, names: Sequence[str], size: float
             f"the places: markers and given places differ by {1e3 * misfit:.3g} mm rms after the best rigid fit, "
             f'"{names[worst]}" most. See its name and place, or whether the body was deformed before the release'
         )
+
+
+def _columns(p: np.ndarray, q: np.ndarray, names: Sequence[str], frame: str) -> list[tuple[float, str]]:
+    """(misfit that it leaves, words) for each unit that columns of an axis, of two, or of a marker may be in."""
+    measure = _shift_misfit if frame == "none" else _rigid_misfit
+    found = []
+    pairs = [(sign, "m", metres) for sign, metres in LENGTHS.items() if metres < 1]
+    pairs += [("m", sign, 1 / metres) for sign, metres in LENGTHS.items() if metres < 1]
+    for one, other, factor in pairs:
+        words = f"look to be in {one} and the others in {other}: give each column its own unit (NAME_x_{one})"
+        for axes in ((0,), (1,), (2,), (0, 1), (0, 2), (1, 2)):
+            scaled = p.copy()
+            scaled[:, axes] *= factor
+            found.append((measure(scaled, q), f"the unit: columns {' and '.join(AXES[k] for k in axes)} {words}"))
+        for k, name in enumerate(names) if len(names) > 2 else ():
+            scaled = p.copy()
+            scaled[k] *= factor
+            found.append((measure(scaled, q), f'the unit: columns of "{name}" {words}'))
+    return found
 
 
 def _far(p: np.ndarray, q: np.ndarray, limit: float, names: Sequence[str], frame: str, compare: str) -> Faults:
@@ -153,7 +193,7 @@ def _far(p: np.ndarray, q: np.ndarray, limit: float, names: Sequence[str], frame
         )
 
 
-def _axis_changes() -> list[tuple[np.ndarray, str]]:
+def axis_changes() -> list[tuple[np.ndarray, str]]:
     """Signed permutations of the axes but the identity, those with fewest changes first, and words for each."""
     changes = []
     for order in itertools.permutations(range(3)):

@@ -52,14 +52,17 @@ class Recording:
             self._check_camera()
 
     def _check_camera(self) -> None:
-        camera = np.asarray(self.camera, dtype=np.float64)
+        try:
+            camera = np.asarray(self.camera, dtype=np.float64)
+        except (TypeError, ValueError):
+            camera = np.full((3, 4), np.nan)
         if self.unit != "px":
             raise FitError(
                 f"a camera is given, and the recording holds places in {self.unit}, not pixels: leave it out"
             )
         if camera.shape != (3, 4) or not np.isfinite(camera).all() or np.linalg.matrix_rank(camera) < 3:
             raise FitError(
-                f"the camera is {camera.tolist()}; give its matrix (3, 4), intrinsic [R | t], that takes (x, y, z, 1) "
+                f"the camera is {self.camera!r}; give its matrix (3, 4), intrinsic [R | t], that takes (x, y, z, 1) "
                 "in m to (u w, v w, w) in pixels"
             )
         object.__setattr__(self, "camera", camera)

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared.errors import checked_choice
-from jaxfem.fitting.before import outside, refuse, start_faults
+from jaxfem.fitting.before import BEGINNINGS, outside, refuse, start_faults
 from jaxfem.fitting.engines import AUTO
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
@@ -28,8 +28,6 @@ from jaxfem.fitting.unknowns import DELAY
 from jaxfem.model import Model, Params, State
 
 CHECKS = ("refuse", "warn")
-BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
-"""First words of paths of what sets bodies in motion."""
 
 
 def fit(

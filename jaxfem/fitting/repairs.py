@@ -41,6 +41,15 @@ def repaired(recording: Recording) -> Recording:
     return dataclasses.replace(recording, positions=positions, notes=tuple(notes))
 
 
+def first_places(recording: Recording) -> np.ndarray:
+    """About where markers stand at first (M, 3), by their first five samples; NaN where there is none."""
+    found = np.full(recording.positions.shape[1:], np.nan)
+    for m, seen in enumerate(recording.seen.T):
+        if (rows := np.flatnonzero(seen)[:5]).size:
+            found[m] = np.median(recording.positions[rows, m], axis=0)
+    return found
+
+
 def _lost_codes(places: np.ndarray, recording: Recording, flat: bool) -> Iterator[str]:
     """Samples whose coordinates are one and the same number (0 0 0, 9999 9999 9999) or absurd, away from the others."""
     known = places[:, :2] if flat else places
@@ -87,7 +96,10 @@ def _frozen(positions: np.ndarray, recording: Recording) -> Iterator[str]:
     noisy = not (change[~same] == 0).any()  # then nothing repeats itself by chance
     lost = np.zeros(len(positions), bool)
     for start, end in _runs(np.concatenate([[False], same])):
-        if start < 2 or end >= len(positions):
+        if start < 2:
+            continue
+        if end >= len(positions):  # to the end: what settles may stand, where numbers have no noise
+            lost[start:end] = noisy and end - start >= STUCK and size[start - 2] > least
             continue
         before, after = size[start - 2], size[end - 1]
         if min(before, after) > least and (noisy or end - start <= SHORT or after > 0.5 * (end - start) * before):
@@ -132,6 +144,8 @@ def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iter
         if long and np.nanmax(others[start - 1 : end]) > 0.5 * np.nanmax([*usual, 0.0]) and steps[end - 1] > 0:
             if steps[end - 1] > 2 * np.quantile(moved, 0.5) and (others[start - 1 : end] > 0).any(axis=1).all():
                 lost[start:end] = True
+        elif end == len(places) and STUCK <= end - start and not same[:start].any():  # elsewhere it never repeats
+            lost[start:end] = (others[start - 1 : end] > 0).any(axis=1).all()
     if lost.any():
         places[lost] = np.nan
         yield f"{_rows(lost, recording)}: stands at its last place while others move, so they are missing"
@@ -147,6 +161,7 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
         usual, 5 * np.median(usual, axis=1, keepdims=True)
     )  # no marker may be much worse than the others
     limits = np.maximum(usual.max(axis=0), SHARE * motion)
+    slips = dict[int, int]()
     common = (np.nan_to_num(away) > 0.3 * limits).sum(axis=1) > max(1, 0.5 * positions.shape[1])
     for m, name in enumerate(recording.names):
         places = positions[:, m]
@@ -167,8 +182,12 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
             places[lost] = np.nan
             yield f"{name}: {_rows(lost, recording)}: far off what comes before and after, so missing"
         if slipped is not None:
-            places[slipped:] = np.nan
-            yield f"{name}: leaps at {recording.times[slipped]:g} s and does not come back: missing from then on"
+            slips[m] = slipped
+    for m, row in slips.items():
+        if list(slips.values()).count(row) == 1:  # where several leap at once it is the body, let go
+            positions[row:, m] = np.nan
+            name, when = recording.names[m], recording.times[row]
+            yield f"{name}: leaps at {when:g} s and does not come back: missing from then on"
 
 
 def _motion(positions: np.ndarray) -> float:
@@ -196,6 +215,9 @@ def _leaps(
             break
         gone[rows[first + 1 : second + 1]] = True
         leaps = leaps[2:]
+    if leaps.size == 1 and leaps[0] < SHORT:  # the first samples are off, not all that follow
+        gone[rows[: leaps[0] + 1]] = True
+        leaps = leaps[1:]
     return gone, int(rows[leaps[0] + 1]) if leaps.size == 1 else None
 
 

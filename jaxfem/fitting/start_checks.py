@@ -1,5 +1,7 @@
 """Does a recording hold one motion from its start, seen by a camera that stands still? By what no body does."""
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
@@ -32,7 +34,7 @@ def late_faults(measured: Measurement, gravity: float | None) -> list[str]:
     return [
         f"the release: markers move by {1e3 * steps.max():.3g} mm in the first {seconds:.3g} s, where a body that is "
         f"let go falls by {1e3 * fall:.2g} mm: it moves already. Give release = TIME of the last row in which it is "
-        "held; where the recording begins later, record again"
+        "held; where the recording begins later, record again. Or times run too fast: see their unit and rate"
     ]
 
 
@@ -46,7 +48,7 @@ def camera_faults(recording: Recording, held: bool) -> list[str]:
     enough = known.sum(axis=1) >= 3
     usual = np.zeros((len(steps), 3))
     usual[enough] = np.nanmedian(np.where(known[..., None], steps, np.nan)[enough], axis=1)
-    size = np.linalg.norm(usual, axis=1)
+    size = np.where(enough, np.linalg.norm(usual, axis=1), np.inf)  # rows without say nothing of those beside them
     away = np.where(known, np.linalg.norm(steps - usual[:, None], axis=-1), 0.0).max(axis=1)
     noise = np.sqrt(6) * max(_noise(places[:, m], recording.seen[:, m]) for m in range(places.shape[1]))
     padded = np.pad(size, 2, mode="edge")
@@ -63,16 +65,22 @@ def camera_faults(recording: Recording, held: bool) -> list[str]:
     ]
 
 
-def leap_faults(measured: Measurement) -> list[str]:
-    """A body that is held leaps, in the middle of its motion, to where it cannot be a row later."""
+def leap_faults(measured: Measurement, names: Sequence[str]) -> list[str]:
+    """A body that is held leaps, in the middle of its motion, to where it cannot be a row later. Rows that are nearer
+    to each other, or farther apart, than usual count as if they were not."""
     places, seen = measured.positions, measured.seen
     steps = np.linalg.norm(np.diff(places, axis=0), axis=-1)
-    known = seen[1:] & seen[:-1] & (np.diff(measured.times) < 1.5 * measured.spacing)[:, None]
-    size = np.where(known, steps, 0.0).max(axis=1, initial=0.0)
+    apart = np.diff(measured.times)
+    known = seen[1:] & seen[:-1] & (apart < 1.5 * measured.spacing)[:, None]
+    pace = (np.median(apart) / apart)[:, None]
+    each = np.where(known, steps * np.minimum(pace, 1.0), 0.0)
+    size = each.max(axis=1, initial=0.0)
     if len(size) < 8:
         return []
     noise = np.sqrt(6) * max(_noise(places[:, m], seen[:, m]) for m in range(places.shape[1]))
-    padded = np.pad(size, 2, mode="edge")
+    beside = np.where(known, steps * np.maximum(pace, 1.0), 0.0).max(axis=1)
+    beside[~known.any(axis=1)] = np.inf  # that says nothing of the rows around
+    padded = np.pad(beside, 2, mode="edge")
     around = np.max([padded[k : k + len(size)] for k in (0, 1, 3, 4)], axis=0)
     far = np.linalg.norm(np.ptp(np.where(seen[..., None], places, measured.origin), axis=0), axis=-1).max()
     rows = np.flatnonzero((size > AROUND * around) & (size > 4 * noise) & (size > LEAP * far))
@@ -80,6 +88,12 @@ def leap_faults(measured: Measurement) -> list[str]:
     if not rows.size:
         return []
     when = measured.begins[0] + measured.times[rows[0] + 1]
+    leapt = np.flatnonzero(each[rows[0]] > 0.5 * size[rows[0]])
+    if leapt.size == 1 and seen.shape[1] > 2:
+        return [
+            f'the marker "{names[leapt[0]]}" alone leaps by {1e3 * size[rows[0]]:.3g} mm within a row at {when:.4g} s: '
+            "it slipped, or is another one from there on. Leave it out, or end before it (end = TIME)"
+        ]
     return [
         f"the motion: markers leap by {1e3 * size[rows[0]]:.3g} mm within a row at {when:.4g} s, far more "
         "than in the rows around: two recordings are put together there, or rows are left out. End before it "

@@ -17,8 +17,9 @@ from jaxfem.fitting.markers import Markers, attach, marker_places
 from jaxfem.fitting.measurement import Measurement, measurement
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Plan, make_problem
+from jaxfem.fitting.place_checks import unit_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.repairs import repaired
+from jaxfem.fitting.repairs import first_places, repaired
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
@@ -87,8 +88,14 @@ def prepared(take: Take, checks: str, late: bool = False) -> Prepared:
     check_call(take.model, params, state, take.dt)
     markers = take.markers if isinstance(take.markers, Markers) else attach(take.model, take.markers)
     recording, told = in_frame_of_clamp(take.recording, take.clamp, markers.names, take.frame)
-    recording = repaired(recording.subset(markers.names))
     nominal = np.asarray(marker_places(markers, state), np.float64)
+    rough = recording.subset(markers.names)
+    try:
+        recording = repaired(rough)
+    except FitError:  # of a marker that scatters far more than others: its unit may be another
+        if rough.unit != "px":
+            refuse(unit_faults(first_places(rough), nominal, rough.names, take.frame), checks)
+        raise
     of = recording, markers, nominal, take.model, params, take.frame
     try:
         measured = measurement(

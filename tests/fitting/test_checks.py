@@ -134,6 +134,50 @@ def test_units_are_named(frame, unit, scale):
     assert len(faults) == 1 and f"in {unit} instead of m" in faults[0]
 
 
+@pytest.mark.parametrize("frame", ["none", "rest"])
+@pytest.mark.parametrize(("unit", "scale"), [("mm", 1e3), ("cm", 100), ("in", 39.37)])
+@pytest.mark.parametrize("which", ["x", "y", "z", "tip", "middle"])
+def test_columns_in_another_unit_are_named(frame, unit, scale, which):
+    """Of one axis, or of one marker: not a unit of all, nor names exchanged."""
+    places = swing().positions[0] if frame == "none" else turned(swing().positions[0])
+    columns = (slice(None), "xyz".index(which)) if which in "xyz" else NAMES.index(which)
+    places[columns] *= scale
+    faults, _ = place_faults(places, PLACES, NAMES, frame, "displacement")
+    named = which if which in "xyz" else f'of "{which}"'
+    assert len(faults) == 1 and f"columns {named} look to be in {unit} and the others in m" in faults[0], faults
+
+
+def test_inches_taken_for_cm_are_a_scale():
+    faults, _ = place_faults(2.54 * swing().positions[0], PLACES, NAMES, "none", "displacement")
+    assert len(faults) == 1 and "2.54 times as far apart" in faults[0]
+
+
+@pytest.mark.parametrize("axis", [0, 1, 2])
+def test_a_mirrored_cloud_is_no_exchange_of_names(axis):
+    """Two exchanged names explain most of it, and the mirror all."""
+    places = {
+        "tip": (0.1, 0.015, 0.03),
+        "left": (0.1, 0, 0.012),
+        "right": (0.1, 0.03, 0.006),
+        "mid": (0.05, 0.015, 0.03),
+    }
+    nominal = np.array([*places.values(), (0.03, 0.03, 0.015)])
+    sign = np.ones(3)
+    sign[axis] = -1
+    told = place_faults(turned(sign * nominal), nominal, NAMES, "rest", "displacement")[0]
+    assert len(told) == 1 and "mirrored" in told[0]
+
+
+def test_displacements_in_another_unit_are_named():
+    good = swing(2e-5)
+    moved = 1e3 * (good.positions - PLACES)
+    first = np.median(moved[:STILL], axis=0)
+    assert place_faults(first, PLACES, NAMES, "none", "displacement", float(np.ptp(moved)))[0] == []
+    for scale, word in ((1e3, "mm"), (100.0, "cm"), (39.37, "in")):
+        told = pace_faults(Recording(good.times, scale * (good.positions - PLACES), NAMES), 9.81)
+        assert f"as places in {word} that are taken for m do" in told[0]
+
+
 def test_the_unit_of_a_single_marker_is_told_by_its_place():
     assert "in mm instead of m" in place_faults(1e3 * PLACES[:1], PLACES[:1], NAMES[:1], "none", "displacement")[0][0]
     assert "no unit explains" in place_faults(7 * PLACES, PLACES, NAMES, "none", "displacement")[0][0]
@@ -204,7 +248,8 @@ def test_a_shift_matters_only_to_places():
         (np.arange(1, 121.0), "frame numbers"),
         (np.arange(120) * 10.0, "milliseconds"),
         (np.arange(120) * 8.333, "milliseconds"),
-        (np.arange(120) * 1e4, "not seconds"),
+        (np.arange(120) * 1e4, "microseconds"),
+        (np.arange(120) * 1e7, "not seconds"),
         (np.arange(120) * 1e-5, "faster than a body"),
     ],
 )

@@ -120,11 +120,11 @@ def test_a_recording_played_backwards_is_named(noise, kind):
 def test_two_takes_put_together_are_named(noise):
     one, other = swing(noise), swing(noise, seed=1)
     cut = {"release": STILL / RATE, "end": None, "frame": "none", "compare": "displacement"}
-    assert leap_faults(measurement(one, PLACES, **cut)) == []
+    assert leap_faults(measurement(one, PLACES, **cut), NAMES) == []
     for until, since in ((150, STILL), (60, STILL), (100, STILL + 7)):
         rows = np.concatenate([one.positions[:until], other.positions[since:]])
         both = Recording(np.arange(len(rows)) / RATE, rows, NAMES)
-        faults = leap_faults(measurement(both, PLACES, **cut))
+        faults = leap_faults(measurement(both, PLACES, **cut), NAMES)
         assert len(faults) == 1 and f"at {until / RATE:g} s" in faults[0] and "put together" in faults[0]
 
 
@@ -183,3 +183,16 @@ def test_what_is_wrong_is_said_before_the_search():
     back = dataclasses.replace(good, positions=good.positions[::-1])
     with pytest.raises(FitError, match="backwards"):  # not that the release cannot be told
         prepared(Take(*scene, back, places, 0.01), "refuse", True)
+
+
+def test_a_gap_at_the_release_is_no_marker_that_slides():
+    recording = swing()
+    recording.positions[STILL - 5 : STILL + 10, 0] = np.nan
+    assert told(recording) == ([], [])
+
+
+def test_one_marker_that_leaps_is_named():
+    recording = swing()
+    recording.positions[100:, 2, 0] += 2e-3
+    cut = {"release": STILL / RATE, "end": None, "frame": "none", "compare": "displacement"}
+    assert '"right" alone leaps' in leap_faults(measurement(recording, PLACES, **cut), NAMES)[0]

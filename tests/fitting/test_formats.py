@@ -155,6 +155,66 @@ def test_errors_name_format_and_cure(tmp_path, text, message):
         read(tmp_path, text, "latin-1")
 
 
+PLAIN = "time_s;tip_x_mm;tip_y_mm;tip_z_mm\n"
+
+
+@pytest.mark.parametrize(
+    ("data", "message"),
+    [
+        (FILES["tab"].encode("utf-16")[:-1], "UTF-16 and does not go on so.*cut off"),
+        (FILES["tab"].encode("utf-16-le")[:-1], "cut off"),
+        (b"\xef\xbb\xbf# gr\xfc\xdfe\n" + FILES["tab"].encode(), "several encodings"),
+        ((PLAIN + "0;1,250;999.5;3\n1;1;2;3\n").encode(), "'1,250' in line 2.*'999.5' in line 2.*thousands"),
+        ((PLAIN + "0,5;1.250;999,5;3\n1;1;2;3\n").encode(), "thousands"),
+        ((PLAIN + "0;1.250,5;9;3\n1;1;2;3\n").encode(), "separators of thousands"),
+        ((PLAIN + "s;mm;mm;mm\n0;1;2;3\n1;1;2;3\n").encode(), "take that row out.*units by the names"),
+        (("A title\n" + PLAIN + "0;1;2;3\n1;1;2;3\n").encode(), "the first row names columns"),
+        (b"\x1f\x8b\x08", "gzip.*unpack"),
+        (b"version https://git-lfs.github.com/spec/v1\n", "Git LFS"),
+        (b"<!DOCTYPE html><html>404</html>", "page of the web"),
+        ((TRC.replace("100\t100", "x\t100") + "1\t\t5\t1\t3\t1\t1\t3\n" * 2).encode(), "TRC.*no rate"),
+        ((QUALISYS.replace("\t100\n", "\tfast\n") + rows("1\t2\t{z}")).encode(), "Qualisys.*no rate"),
+    ],
+)
+def test_damaged_and_foreign_files_are_named(tmp_path, data, message):
+    (tmp_path / "file.dat").write_bytes(data)
+    with pytest.raises(FitError, match=message):
+        read_recording(tmp_path / "file.dat")
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        ({"rate": "100"}, "rate is '100'"),
+        ({"rate": float("nan")}, "rate is nan"),
+        ({"unit": 5}, "unit is 5"),
+        ({"rate": 100, "camera": "none"}, "the camera is 'none'"),
+        ({"rate": 100, "camera": [[1, 2], [3]]}, r"give its matrix \(3, 4\)"),
+    ],
+)
+def test_what_is_said_of_a_file_is_checked(tmp_path, asked, message):
+    with pytest.raises(FitError, match=message):
+        read(tmp_path, LAB + rows("{k},640.5,{z},0.99,1,2,0.2"), **asked)
+
+
+def test_a_rate_goes_with_the_times_or_is_refused(tmp_path):
+    text = FILES["tab"]
+    np.testing.assert_allclose(read(tmp_path, text, rate=100).times, TIMES, atol=1e-12)
+    with pytest.raises(FitError, match=r"rate = 50 is given, and the times .* say 100 rows a second"):
+        read(tmp_path, text, rate=50)
+    counted = read(tmp_path, "time_s,tip_x_m,tip_y_m,tip_z_m\n" + rows("{k},0.1,0.015,0.03"), rate=100)
+    np.testing.assert_allclose(counted.times, TIMES)
+    assert "frame numbers" in str(counted.notes)
+
+
+def test_what_a_file_says_otherwise_is_told(tmp_path):
+    assert "taken for mm, as asked" in str(read(tmp_path, FILES["tab"], unit="mm").notes)
+    assert "states 3 rows, and holds 2" in str(read(tmp_path, TRC + "1\t0\t5\t1\t3\t1\t1\t3\n2\t1\t" + "1\t" * 6).notes)
+    unnamed = "time_s,,tip_x_m,tip_y_m,tip_z_m\n" + rows("{t},7,0.1,0.015,0.03")
+    assert "column 2, which has no name" in str(read(tmp_path, unnamed).notes)
+    assert len(read(tmp_path, FILES["tab"] + "\x1a").times) == 3
+
+
 def test_a_frame_column_with_a_rate_is_a_clock(tmp_path):
     text = "frame,tip_x,tip_y,tip_z\n" + rows("{k},100,15,{z}")
     found = read(tmp_path, text, rate=100, unit="mm")
@@ -180,6 +240,23 @@ def test_c3d(tmp_path):
     np.testing.assert_allclose(found.positions[:, 0, 2], Z / 1e3, rtol=1e-6)
     assert found.names == ("tip", "mid") and found.seen[:, 1].tolist() == [True, False, True]
     np.testing.assert_allclose(found.times, TIMES)
+
+
+def test_long_c3d_files_are_no_text(tmp_path):
+    """Every other byte of one may be zero, as in UTF-16; one that was cut off is told by the count in its header."""
+    ezc3d = pytest.importorskip("ezc3d")
+    file = ezc3d.c3d()
+    file["parameters"]["POINT"]["RATE"]["value"], file["parameters"]["POINT"]["UNITS"]["value"] = [100.0], ["mm"]
+    file["parameters"]["POINT"]["LABELS"]["value"] = ["tip", "mid"]
+    points = np.ones((4, 2, 200))
+    points[:3] = 100 * np.random.default_rng(0).normal(size=(3, 2, 200))
+    file["data"]["points"] = points
+    file.write(str(tmp_path / "a.c3d"))
+    found = read_recording(tmp_path / "a.c3d")
+    np.testing.assert_allclose(found.positions, points[:3].transpose(2, 1, 0) / 1e3, rtol=1e-6)
+    assert found.notes == ()
+    (tmp_path / "a.c3d").write_bytes((tmp_path / "a.c3d").read_bytes()[:4000])
+    assert "states 200 rows" in str(read_recording(tmp_path / "a.c3d").notes)
 
 
 def test_c3d_without_its_reader_says_what_to_install(tmp_path, monkeypatch):

@@ -10,11 +10,12 @@ import jaxfem as jf
 from jaxfem.fitting import FitError, Recording, read_recording
 from jaxfem.fitting.before import falling, is_held
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
+from jaxfem.fitting.direction_checks import direction_faults
 from jaxfem.fitting.measurement import measurement
 from jaxfem.fitting.recording_info import recording_text
 from jaxfem.fitting.release import found_release
 from jaxfem.fitting.repairs import repaired
-from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults
+from jaxfem.fitting.start_checks import again_faults, camera_faults, late_faults, leap_faults
 
 NAMES = ("tip", "left", "right", "middle", "side")
 PLACES = np.array(
@@ -202,3 +203,93 @@ def test_two_releases_in_one_recording_are_named(noise):
 def test_rounded_times_are_named():
     with pytest.raises(FitError, match="times are rounded"):
         swing(times=np.round(np.arange(150) / 240, 2))
+
+
+def directions(real, told=None, sure=True, alike=True, keep=slice(None)):
+    """What a simulation that moves as `told` (T, M, 3) says of a recording."""
+    taken = measurement(real, PLACES[keep], frame="none", compare="displacement", release=0.01 * STILL, end=None)
+    return direction_faults(
+        (swing(0.0).positions if told is None else told)[STILL:], taken, real.names, "displacement", sure, alike
+    )
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_markers_that_move_as_simulated_are_let_pass(noise):
+    """Whatever the stiffness: a swing of another rate and size."""
+    for w in (30.0, 60.0, 100.0):
+        assert directions(swing(noise, w=w)) == []
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("order", [[0, 2, 1], [2, 1, 0]])
+def test_displacements_with_exchanged_axes_are_named(noise, order):
+    good = swing(noise)
+    off = Recording(good.times, (good.positions - PLACES)[..., order], NAMES)
+    told = directions(off)
+    words = " ".join("xyz"[k] for k in order)
+    assert len(told) == 1 and f"look to be {words} of the recording" in told[0]
+    assert directions(off, sure=False) == []  # a load or gravity is fitted, which may point there
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_motion_along_no_axis_of_the_simulated_is_named(noise):
+    good = swing(noise)
+    places = good.positions.copy()
+    places[..., 1] += (places[..., 2] - PLACES[:, 2]) * [1, -1, 1, -1, 1]
+    places[..., 2] = PLACES[:, 2]
+    told = directions(Recording(good.times, places, NAMES))
+    assert len(told) == 1 and "gravity and the loads" in told[0]
+
+
+@pytest.mark.parametrize("noise", NOISES)
+@pytest.mark.parametrize("which", [[0], [1], [0, 1], [3]])
+def test_markers_that_stand_while_others_move_are_named(noise, which):
+    recording = swing(noise, w=45.0)
+    recording.positions[:, which] = swing(noise, w=1e4).positions[:, which]
+    told = directions(recording)
+    assert len(told) == len(which) and all(f'"{NAMES[k]}" moves by' in told[i] for i, k in enumerate(which))
+    assert directions(recording, alike=False) == []  # parts of their own stiffness, or another body, may stand
+
+
+@pytest.mark.parametrize("noise", NOISES[1:])
+@pytest.mark.parametrize("marks", [[0], slice(None)])
+def test_what_stops_for_good_in_the_middle_of_a_swing_is_missing_from_there(noise, marks):
+    """Of one marker or of all; numbers without noise may settle so."""
+    recording = swing(noise)
+    recording.positions[40:, marks] = recording.positions[39, marks]
+    again = repaired(recording)
+    lost = np.zeros((120, 5), bool)
+    lost[40:, marks] = True
+    assert np.array_equal(again.seen, ~lost), again.notes
+    still = swing(0.0, times=0.01 * np.arange(400))
+    assert repaired(still).notes == ()
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_a_first_sample_that_is_off_costs_no_more(noise):
+    recording = swing(noise)
+    recording.positions[0, 0, 2] += 0.02
+    assert np.argwhere(~repaired(recording).seen).tolist() == [[0, 0]]
+
+
+@pytest.mark.parametrize("noise", NOISES[:2])
+@pytest.mark.parametrize("w", [110.0, 160.0])
+def test_a_stiff_body_falls_within_a_row_and_slips_nowhere(noise, w):
+    """Three of five markers leap at the release, the others move less; and its fast swing is no slow clock."""
+    t = 0.01 * np.arange(120)
+    places = np.repeat(PLACES[None], 120, axis=0)
+    after = np.maximum(t - 0.01 * STILL, 0)
+    places[..., 2] -= 3e-4 * (1 - np.exp(-60 * after) * np.cos(w * after))[:, None] * SHAPE
+    stiff = Recording(t, places + noise * np.random.default_rng(1).normal(size=places.shape), NAMES)
+    assert repaired(stiff).notes == () and pace_faults(stiff, G) == []
+
+
+@pytest.mark.parametrize("noise", NOISES)
+def test_irregular_sampling_and_gaps_are_no_leaps(noise):
+    for seed in range(4):
+        random = np.random.default_rng(seed)
+        jitter = swing(noise, times=0.01 * np.arange(120) + 4e-3 * random.uniform(-1, 1, 120))
+        assert leap_faults(cut(jitter, 0.2), NAMES) == [] and camera_faults(jitter, True) == []
+        gaps = swing(noise)
+        gaps.positions[random.random((120, 5)) < 0.3] = np.nan
+        assert camera_faults(gaps, True) == []

@@ -1,6 +1,7 @@
 """What a format is: a class that recognises a file's content and reads it, entered by its definition."""
 
 import dataclasses
+import numbers
 import pathlib
 from collections.abc import Collection, Sequence
 from typing import Any, ClassVar
@@ -21,6 +22,13 @@ class Request:
     unit: str | None = None
     rate: float | None = None
     camera: Any = None
+
+    def __post_init__(self) -> None:
+        if self.unit is not None and not isinstance(self.unit, str):
+            raise FitError(f'unit is {self.unit!r}: give the word for it, like unit="mm"')
+        number = isinstance(self.rate, numbers.Real) and not isinstance(self.rate, bool)
+        if self.rate is not None and not (number and 0 < float(self.rate) < np.inf):
+            raise FitError(f"rate is {self.rate!r}: give the rows a second, a number above 0, like rate=100")
 
 
 class Format:
@@ -59,6 +67,13 @@ class Format:
         return units.length(word, cls.where(content.path)), units.short(word)
 
     @classmethod
+    def overruled(cls, asked: Request, stated: str) -> list[str]:
+        """A note where another unit is asked for than the file states."""
+        if not asked.unit or not stated or units.short(asked.unit) == units.short(stated):
+            return []
+        return [f"its unit is taken for {units.short(asked.unit)}, as asked, where the file states {stated}"]
+
+    @classmethod
     def made(
         cls,
         content: Content,
@@ -95,6 +110,13 @@ class Format:
         if rate is None or not (np.isfinite(rate) and rate > 0):
             raise FitError(f"{cls.where(content.path)} has frame numbers and no rate ({rate}): {cure}")
         return np.asarray((frames - frames[0]) / rate)
+
+    @classmethod
+    def counted(cls, stated: str, rows: int) -> list[str]:
+        """A note where a file has another number of rows than it states, as one has that was cut off."""
+        if not stated.strip().isdigit() or int(stated) == rows:
+            return []
+        return [f"the file states {int(stated)} rows, and holds {rows}: it may be cut off, its last number too"]
 
 
 FORMATS: Registry[Format] = Registry("a format of recordings")

@@ -1,5 +1,7 @@
 """C3D files (c3d.org), read by ezc3d (Michaud & Begon 2021)."""
 
+import struct
+
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
@@ -43,5 +45,15 @@ class C3d(Format, word="c3d"):
         rate = float(np.ravel(point["RATE"]["value"])[0])
         times = cls.times(content, np.arange(places.shape[2], dtype=float), rate, asked, "give rate=")
         positions = scale * np.where(lost, np.nan, places).transpose(2, 1, 0)
-        notes = [f"time 0 is frame {first + 1}"] if first else []
+        notes = cls.counted(_stated(content.data), places.shape[2])
+        notes += cls.overruled(asked, stated[0] if stated else "")
+        notes += [f"time 0 is frame {first + 1}"] if first else []
         return cls.made(content, times, positions, short_names(names), unit, notes)
+
+
+def _stated(data: bytes) -> str:
+    """How many frames the header states: the reader counts those that are there. Nothing where the file's bytes are
+    not in the usual order, or the numbers are too large for the header."""
+    kind = 512 * (data[0] - 1) + 3
+    first, last = struct.unpack_from("<HH", data, 6)
+    return str(last - first + 1) if len(data) > kind and data[kind] == 84 and first <= last < 65535 else ""

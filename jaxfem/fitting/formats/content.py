@@ -21,11 +21,19 @@ MISSING = frozenset(
     ("", "nan", "na", "n/a", "#n/a", "null", "none", "-", "--", "missing", "1.#qnan", "-nan", "-1.#ind")
 )
 DECIMAL_COMMA = re.compile(r"[-+]?\d*,\d+(?:[eE][-+]?\d+)?")
+THOUSANDS = re.compile(r"[-+]?\d{1,3}(?:[ \N{NO-BREAK SPACE}\N{NARROW NO-BREAK SPACE}'.,]\d{3})+(?:[.,]\d*)?")
 OTHERS = (
     (b"\x89HDF", "an HDF5 file (DeepLabCut's .h5, say)", "export it as CSV"),
     (b"PK\x03\x04", "a workbook or a zip file", "save its sheet as CSV"),
     (b"\xd0\xcf\x11\xe0", "an old Excel workbook", "save its sheet as CSV"),
     (b"MATLAB", "a MATLAB file", "export the samples as CSV, TSV or C3D"),
+    (b"\x93NUMPY", "an array of NumPy", "give it to Recording(times, positions, names)"),
+    (b"\x1f\x8b", "a compressed file (gzip)", "unpack it"),
+    (b"version https://git-lfs", "a pointer of Git LFS and not the file itself", "fetch that (git lfs pull)"),
+    (b"<", "a page of the web, or XML", "see what was downloaded, and export the samples as CSV, TSV or C3D"),
+    (b"{", "JSON", "export the samples as CSV, TSV or C3D"),
+    (b"%PDF", "a PDF document", "export the samples as CSV, TSV or C3D"),
+    (b"\x89PNG", "a picture", "export the samples as CSV, TSV or C3D"),
 )
 
 
@@ -48,9 +56,10 @@ class Content:
             if self.data.startswith(mark):
                 return name
         start = self.data[:512]
-        if len(start) > 8 and start[1::2].count(0) > 0.8 * (len(start) // 2):
+        zeros = [start[k::2].count(0) / (len(start) // 2 or 1) for k in (0, 1)]  # binary files have both
+        if len(start) > 8 and zeros[1] > 0.8 and zeros[0] < 0.2:
             return "utf-16-le"
-        if len(start) > 8 and start[0::2].count(0) > 0.8 * (len(start) // 2):
+        if len(start) > 8 and zeros[0] > 0.8 and zeros[1] < 0.2:
             return "utf-16-be"
         try:
             self.data.decode("utf-8")
@@ -60,8 +69,15 @@ class Content:
 
     @functools.cached_property
     def text(self) -> str:
-        """The text, with plain line ends."""
-        return self.data.decode(self.encoding).replace("\r\n", "\n").replace("\r", "\n")
+        """The text, with plain line ends; FitError where bytes are not of its encoding."""
+        try:
+            text = self.data.decode(self.encoding)
+        except UnicodeDecodeError as flaw:
+            raise FitError(
+                f"{self.path} begins as text in {self.encoding.upper()} and does not go on so, from byte {flaw.start} "
+                "on: it was cut off, or put together of parts in several encodings. Save it again as UTF-8"
+            ) from flaw
+        return text.replace("\r\n", "\n").replace("\r", "\n").rstrip("\x1a")  # the end of a text under DOS
 
     @functools.cached_property
     def lines(self) -> list[str]:
@@ -120,6 +136,14 @@ def number(text: str, comma: bool = False) -> float:
     return float(text)
 
 
+def rate_of(text: str) -> float:
+    """A rate as a file states it, NaN where it states none."""
+    try:
+        return number(text, True)
+    except ValueError:
+        return float("nan")
+
+
 def table(where: str, rows: list[tuple[int, list[str]]], columns: list[tuple[int, str]], comma: bool) -> np.ndarray:
     """Numbers (R, C) of numbered rows at `columns` (place, name); cells that a row lacks are missing. FitError, with
     line and column, for what is no number. `where` begins the message."""
@@ -130,12 +154,49 @@ def table(where: str, rows: list[tuple[int, list[str]]], columns: list[tuple[int
                 try:
                     values[r, c] = number(cells[place], comma)
                 except ValueError:
-                    clock = ":" in cells[place]
-                    cure = "give times in s, as numbers" if clock else "leave missing samples blank"
                     raise FitError(
-                        f'{where}, line {line}, column "{name}": {cells[place]!r} is not a number; {cure}'
+                        f'{where}, line {line}, column "{name}": {cells[place]!r} is not a number; '
+                        f"{_cure(cells[place], cells)}"
                     ) from None
+    if comma:
+        _check_commas(where, rows, columns)
     return values
+
+
+def _cure(cell: str, cells: list[str]) -> str:
+    """What to do about a cell that is no number."""
+    if ":" in cell:
+        return "give times in s, as numbers"
+    if THOUSANDS.fullmatch(cell):
+        return "write numbers without separators of thousands"
+    if DECIMAL_COMMA.fullmatch(cell):
+        return "a decimal comma needs another separator, a semicolon say"
+    if not any(map(_is_number, cells)):
+        return "take that row out, and give units by the names of columns (NAME_x_mm)"
+    return "leave missing samples blank"
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        return bool(np.isfinite(number(cell, True)))
+    except ValueError:
+        return False
+
+
+def _check_commas(where: str, rows: list[tuple[int, list[str]]], columns: list[tuple[int, str]]) -> None:
+    """FitError where some cells have a decimal comma and others a point: one of them parts thousands."""
+    seen: dict[str, str] = {}
+    for line, cells in rows:
+        for place, name in columns:
+            cell = cells[place] if place < len(cells) else ""
+            for mark in ",.":
+                if mark in cell:
+                    seen.setdefault(mark, f'{cell!r} in line {line}, column "{name}"')
+    if len(seen) > 1:
+        raise FitError(
+            f"{where}: {seen[',']}, has a comma, and {seen['.']}, a point: one of them parts thousands, or decimals "
+            "are written in two ways. Export with one mark of decimals and none of thousands"
+        )
 
 
 def blank(cells: list[str]) -> bool:

@@ -4,7 +4,7 @@ import csv
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats.base import Format, Request, check_once, clipped, short_names
-from jaxfem.fitting.formats.content import Content, blank, separator_of, table
+from jaxfem.fitting.formats.content import Content, blank, rate_of, separator_of, table
 from jaxfem.fitting.recording import Recording
 
 KINDS = ("marker", "rigid body", "rigid body marker", "bone", "bone marker", "skeleton", "trained markerset marker")
@@ -44,8 +44,10 @@ class Motive(Format, word="motive"):
             times = table(where, data, [(clock, rows[head][clock])], separator != ",")[:, 0]
         else:
             frames = table(where, data, [(0, "Frame")], False)[:, 0]
-            rate = keys.get("export frame rate") or keys.get("capture frame rate") or "nan"
-            times = cls.times(content, frames, float(rate.replace(",", ".")), asked, "give rate=")
+            rate = keys.get("export frame rate") or keys.get("capture frame rate") or ""
+            times = cls.times(content, frames, rate_of(rate), asked, "give rate=")
+        notes = [*cls.counted(keys.get("total exported frames", ""), len(data)), *notes]
+        notes = [*cls.overruled(asked, keys.get("length units", "")), *notes]
         up = f"the file's axes are kept (Motive's Y points up; {keys.get('coordinate space', 'Global')} coordinates)"
         return cls.made(content, times, values.reshape(len(data), -1, 3), names, unit, [*notes, up])
 

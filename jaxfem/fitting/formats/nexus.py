@@ -2,7 +2,7 @@
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats.base import Format, Request, check_once, short_names
-from jaxfem.fitting.formats.content import Content, blank, separator_of, table
+from jaxfem.fitting.formats.content import Content, blank, rate_of, separator_of, table
 from jaxfem.fitting.recording import Recording
 
 SECTIONS = ("trajectories", "devices", "model outputs", "joints", "segments")
@@ -38,27 +38,25 @@ class Nexus(Format, word="nexus"):
         if len(data) < 2:
             raise FitError(f"{where} holds {len(data)} rows of samples; a motion needs at least two")
         columns = _columns(where, rows[axes - 1], rows[axes])
-        scale, unit = cls.scale(content, asked, _unit(where, rows[axes + 1], columns), 'give unit="mm"')
+        stated_unit = _unit(where, rows[axes + 1], columns)
+        scale, unit = cls.scale(content, asked, stated_unit, 'give unit="mm"')
         places = [
             (0, "Frame"),
             *((c, f"{name} {a}") for name, cs in columns.items() for c, a in zip(cs, "XYZ", strict=True)),
         ]
         values = table(where, data, places, separator != ",")
         stated = next((cell for cell in rows[top + 1] if cell), "")
-        times = cls.times(content, values[:, 0], _rate(stated), asked, "give rate=")
-        notes = [f"time 0 is frame {values[0, 0]:g}", "the file's axes are kept (Nexus's Z points up)"]
+        times = cls.times(content, values[:, 0], rate_of(stated), asked, "give rate=")
+        notes = [
+            *cls.overruled(asked, stated_unit),
+            f"time 0 is frame {values[0, 0]:g}",
+            "the file's axes are kept (Nexus's Z points up)",
+        ]
         others = [k for k, line in enumerate(content.lines) if line.strip(' \t,;"').lower() in SECTIONS and k != top]
         if others:
             notes.append(f"left out: section {', '.join(content.lines[k].strip(' ,;') for k in others)}")
         places3 = scale * values[:, 1:].reshape(len(data), -1, 3)
         return cls.made(content, times, places3, short_names(list(columns)), unit, notes)
-
-
-def _rate(text: str) -> float | None:
-    try:
-        return float(text.replace(",", "."))
-    except ValueError:
-        return None
 
 
 def _columns(where: str, names: list[str], axes: list[str]) -> dict[str, list[int]]:

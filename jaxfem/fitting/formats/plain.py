@@ -3,6 +3,8 @@
 import re
 from collections.abc import Sequence
 
+import numpy as np
+
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats import units
 from jaxfem.fitting.formats.base import Format, Request, clipped
@@ -13,6 +15,7 @@ UNIT = r"(?:[ _]*[\[(]?(?P<unit>[A-Za-zµμ]+)[\])]?)?"
 TIME = re.compile(rf"(?:time|times|timestamp|t|zeit){UNIT}", re.IGNORECASE)
 PLACE = re.compile(rf"(?P<name>.+?)[ _.:]+(?P<axis>[XYZxyz]){UNIT}")
 COUNTERS = ("", "frame", "frames", "frame#", "frame_number", "fnum", "index", "row", "sample", "unnamed: 0", "#", "nr")
+SAME = 0.05  # by which a rate that is given may differ from that of the times beside it
 SHAPE = "columns time_s, NAME_x_m, NAME_y_m, NAME_z_m"
 
 
@@ -46,13 +49,29 @@ class Plain(Format, word="plain"):
         used = [times, *(column for name in names for column in names[name])]
         values = table(where, rows[1:], [(place, header[place]) for place, _, _ in used], comma)
         values *= [scale for _, scale, _ in used]
-        clock = values[:, 0] if header[times[0]].lower() not in COUNTERS else values[:, 0] - values[0, 0]
+        clock, told = cls._clock(where, header[times[0]], values[:, 0], asked)
+        notes += told
         signs = sorted({sign for _, _, sign in used[1:]})
         if separator != "," and any(DECIMAL_COMMA.fullmatch(cell) for _, row in rows[1:] for cell in row):
             notes.append("decimal commas")
         if content.encoding not in ("utf-8", "utf-8-sig"):
             notes.append(f"encoding {content.encoding}")
         return cls.made(content, clock, values[:, 1:].reshape(len(values), -1, 3), list(names), ", ".join(signs), notes)
+
+    @classmethod
+    def _clock(cls, where: str, column: str, values: np.ndarray, asked: Request) -> tuple[np.ndarray, list[str]]:
+        """Times [s] of the column of the clock, with notes; a rate that is asked for tells what its numbers are."""
+        if column.lower() in COUNTERS:
+            return values - values[0], []
+        usual = float(np.median(np.diff(values))) if np.isfinite(values).all() else np.nan
+        if asked.rate is None or not usual > 0 or abs(usual * asked.rate - 1) < SAME:
+            return values, []
+        if usual >= 1 and np.array_equal(values, np.round(values)):
+            return (values - values[0]) / asked.rate, [f'column "{column}" holds frame numbers, taken over the rate']
+        raise FitError(
+            f'{where}: rate = {asked.rate:g} is given, and the times in column "{column}" say {1 / usual:.4g} rows a '
+            "second: leave one of them out, or correct it"
+        )
 
     @classmethod
     def where(cls, path: object) -> str:
@@ -65,6 +84,7 @@ class Plain(Format, word="plain"):
     ) -> tuple[tuple[int, float, str], dict[str, list[tuple[int, float, str]]], list[str]]:
         """(place, scale, unit) of the time, and of x, y, z of each marker; notes."""
         path, time, places, counters = content.path, None, dict[str, dict[str, tuple[int, float, str]]](), list[int]()
+        overruled = dict[str, None]()
         if all(_is_number(column) for column in header):
             raise FitError(f"{path} begins with numbers: its first row must name the {SHAPE}")
         repeated = [column for column in header if column and header.count(column) > 1]
@@ -80,15 +100,22 @@ class Plain(Format, word="plain"):
                 time = (k, units.TIMES[sign], sign)
             elif found := PLACE.fullmatch(column):
                 sign = asked.unit or found["unit"] or ""
+                overruled |= dict.fromkeys(cls.overruled(asked, found["unit"] or ""))
                 places.setdefault(found["name"], {})[found["axis"].lower()] = (k, _metres(path, column, sign), sign)
             else:
+                first = "the first row names columns, and " if k == 0 else ""
                 raise FitError(
-                    f'{path}: column "{column}" is not one of time_s, NAME_x_m, NAME_y_m, NAME_z_m (units: '
+                    f'{path}: {first}column "{column}" is not one of time_s, NAME_x_m, NAME_y_m, NAME_z_m (units: '
                     f"{clipped(list(units.LENGTHS), 4)}); take it out, or rename it"
                 )
         notes = [f'column "{header[k]}", a counter of rows, is left out' for k in counters if header[k]]
+        notes += [f"column {k + 1}, which has no name, is left out" for k in counters if k and not header[k]]
+        notes += overruled
         if time is None:
-            time, notes = _by_frames(path, header, counters, asked), ["times are frame numbers over the rate"]
+            time, notes = (
+                _by_frames(path, header, counters, asked),
+                ["times are frame numbers over the rate", *overruled],
+            )
         for name, axes in places.items():
             missing = [f"{name}_{axis}_m" for axis in AXES if axis not in axes]
             if missing:

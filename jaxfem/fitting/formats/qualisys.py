@@ -4,7 +4,7 @@ import numpy as np
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats.base import Format, Request
-from jaxfem.fitting.formats.content import Content, blank, number, table
+from jaxfem.fitting.formats.content import Content, blank, number, rate_of, table
 from jaxfem.fitting.recording import Recording
 
 KEYS = ("NO_OF_FRAMES", "NO_OF_CAMERAS", "NO_OF_MARKERS", "FREQUENCY", "DATA_INCLUDED", "MARKER_NAMES")
@@ -45,8 +45,9 @@ class Qualisys(Format, word="qualisys"):
         values = table(where, data, places, True).reshape(len(data), -1, 3)
         scale, unit = cls.scale(content, asked, "mm", "")
         lost = (values == 0).all(axis=-1)
-        notes = [f"{int(lost.sum())} samples 0 0 0 are lost ones"] if lost.any() else []
-        rate = number((keys.get("FREQUENCY") or ["nan"])[0], True)
+        notes = cls.counted((keys.get("NO_OF_FRAMES") or [""])[0], len(data))
+        notes += [f"{int(lost.sum())} samples 0 0 0 are lost ones"] if lost.any() else []
+        rate = rate_of((keys.get("FREQUENCY") or [""])[0])
         times = cls.times(content, np.arange(len(data), dtype=float), rate, asked, "give rate=")
         if lead == 2 and asked.rate is None:
             times = table(where, data, [(1, "Time")], True)[:, 0]

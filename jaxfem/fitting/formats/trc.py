@@ -6,7 +6,7 @@ import numpy as np
 
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.formats.base import Format, Request, short_names
-from jaxfem.fitting.formats.content import Content, blank, number, table
+from jaxfem.fitting.formats.content import Content, blank, rate_of, table
 from jaxfem.fitting.recording import Recording
 
 
@@ -47,9 +47,14 @@ class Trc(Format, word="trc"):
         clock = table(where, data, [(0, "Frame#"), (1, "Time")], True)
         times = clock[:, 1]
         if asked.rate is not None or not np.isfinite(times).all():
-            stated = number(keys.get("datarate", ""), True)
+            stated = rate_of(keys.get("datarate", ""))
             times = cls.times(content, clock[:, 0], stated, asked, "give rate=")
-        return cls.made(content, times, values, short_names(names), unit, ["the file's axes are kept (Y points up)"])
+        notes = [
+            *cls.counted(keys.get("numframes", ""), len(data)),
+            *cls.overruled(asked, keys.get("units", "")),
+            "the file's axes are kept (Y points up)",
+        ]
+        return cls.made(content, times, values, short_names(names), unit, notes)
 
 
 def _keys(rows: list[list[str]]) -> dict[str, str]:
