@@ -48,9 +48,8 @@ def nearest_rotation(F: Any) -> Array:
 
 @one_program
 def polar_components(F: Sequence[Sequence[Array]]) -> Components:
-    """The same as `nearest_rotation` on component arrays, for kernels that keep to them.
-
-    `F[i][j]` are arrays of one shape (a (3, 3, ...) array will do) -> `R[i][j]`; all else as for `nearest_rotation`.
+    """The same as `nearest_rotation` on component arrays `F[i][j]` of one shape (a (3, 3, ...) array will do), as
+    `R[i][j]`, for kernels that keep to them.
     """
     return _polar(_matrix(lambda i, j: F[i][j]))
 
@@ -162,7 +161,7 @@ def _davenport(F: Components) -> Array:
     return jnp.moveaxis(quaternion_to_matrix(jnp.moveaxis(q, 0, -1)), (-2, -1), (0, 1))
 
 
-@functools.partial(jax.jit, inline=True)
+@one_program
 def rotation_gap(F: Any, R: Any) -> Array:
     """How well the rotation is determined: s2 + s3 >= 0, the smallest eigenvalue of tr(S) I - S, S = R' F.
 
