@@ -20,7 +20,8 @@ def scene(dtype, tolerance):
     return jf.build(jf.Scene([body]), dtype=dtype, tolerance=tolerance)
 
 
-def measure(dtype, tolerance, repeats, checkpoint=None):
+def calls(dtype, tolerance, checkpoint=None):
+    """Fifty steps, and they with their gradient in E, nu and damping: two calls, and the gradient's program."""
     model, params, state = scene(dtype, tolerance)
 
     def loss(values):
@@ -31,9 +32,13 @@ def measure(dtype, tolerance, repeats, checkpoint=None):
 
     values = (params.young, params.poisson, params.damping)
     forward, gradient = jax.jit(loss), jax.jit(jax.value_and_grad(loss))
-    memory = gradient.lower(values).compile().memory_analysis().temp_size_in_bytes
-    forward_s = median_time(lambda: forward(values), repeats)
-    gradient_s = median_time(lambda: gradient(values), repeats)
+    return lambda: forward(values), lambda: gradient(values), gradient.lower(values)
+
+
+def measure(dtype, tolerance, repeats, checkpoint=None):
+    forward, gradient, program = calls(dtype, tolerance, checkpoint)
+    memory = program.compile().memory_analysis().temp_size_in_bytes
+    forward_s, gradient_s = median_time(forward, repeats), median_time(gradient, repeats)
     return {
         "forward_s": forward_s,
         "gradient_s": gradient_s,
