@@ -161,7 +161,7 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
         usual, 5 * np.median(usual, axis=1, keepdims=True)
     )  # no marker may be much worse than the others
     limits = np.maximum(usual.max(axis=0), SHARE * motion)
-    slips = dict[int, int]()
+    slips, sudden = dict[int, int](), _sudden(positions)
     common = (np.nan_to_num(away) > 0.3 * limits).sum(axis=1) > max(1, 0.5 * positions.shape[1])
     for m, name in enumerate(recording.names):
         places = positions[:, m]
@@ -171,7 +171,8 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
         others = np.delete(moving, m, axis=1)
         along = np.zeros(len(places), bool)
         along[1:] = (others > 0.5 * moving[:, m : m + 1]).sum(axis=1) > 0.5 * others.shape[1]
-        gone, slipped = _leaps(places, recording, motion, common, along)
+        let_go = np.asarray(np.delete(sudden, m, axis=1).any(axis=1))
+        gone, slipped = _leaps(places, recording, motion, common, along, let_go)
         lost = gone | _singles(places, recording, limits[m], seen & ~gone & ~common)
         if lost.sum() > MANY * seen.sum():
             raise FitError(
@@ -196,11 +197,23 @@ def _motion(positions: np.ndarray) -> float:
     return float(np.nanmax([np.nanmedian(np.linalg.norm(high - low, axis=-1)), 0.0]))
 
 
+def _sudden(positions: np.ndarray) -> np.ndarray:
+    """Where markers step much farther than they usually do (T, M), each by its own measure."""
+    steps = np.nan_to_num(_steps(positions))
+    usual = np.sort(steps, axis=0)[max(0, len(steps) - 5)]
+    return np.concatenate([np.zeros_like(steps[:1], bool), steps > 3 * usual])
+
+
 def _leaps(
-    places: np.ndarray, recording: Recording, motion: float, common: np.ndarray, along: np.ndarray
+    places: np.ndarray,
+    recording: Recording,
+    motion: float,
+    common: np.ndarray,
+    along: np.ndarray,
+    let_go: np.ndarray,
 ) -> tuple[np.ndarray, int | None]:
     """Samples between a leap and the leap back (T,), and the row of a leap without return. Where most others go `along`
-    (T,) it is the body that moves."""
+    (T,) it is the body that moves, and so it is at first where any of them is `let_go` (T,) as suddenly."""
     gone = np.zeros(len(places), bool)
     rows = np.flatnonzero(np.isfinite(places).all(axis=1))
     steps = np.diff(places[rows], axis=0)
@@ -215,7 +228,7 @@ def _leaps(
             break
         gone[rows[first + 1 : second + 1]] = True
         leaps = leaps[2:]
-    if leaps.size == 1 and leaps[0] < SHORT:  # the first samples are off, not all that follow
+    if leaps.size == 1 and leaps[0] < SHORT and not let_go[rows[leaps[0] + 1]]:  # the first samples are off
         gone[rows[: leaps[0] + 1]] = True
         leaps = leaps[1:]
     return gone, int(rows[leaps[0] + 1]) if leaps.size == 1 else None
