@@ -142,7 +142,7 @@ def test_a_hinge_is_open_by_an_angle_and_its_motor_is_no_gap():
         rigid = state.rigid.replace(orientations=turned[None])
         found = jf.diagnose(model, params, state.replace(rigid=rigid), told())
         assert found.ok != open_
-    assert found.findings[0].name == "axle" and f"open by {np.sin(0.2):.3g} rad" in str(found)
+    assert found.findings[0].name == "axle" and "open by 0.2 rad" in str(found)
 
 
 def test_what_it_does_not_take(hanging):
