@@ -9,7 +9,7 @@ import numpy as np
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.curves import curves_on_shapes
 from jaxfem.building.faces import edges_on_surfaces, faces_on_shape, warn_between_points
-from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated
+from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated, triangles_around
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
 from jaxfem.pytrees import on_device
@@ -17,10 +17,11 @@ from jaxfem.rigid.shapes import Shape
 from jaxfem.rigid.shapes.answers import distance_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
-from jaxfem.rows.contact import Candidates, ContactValues, ShapeContacts, SurfaceContacts
+from jaxfem.rows.contact import Candidates, ContactValues, ShapeContacts
 from jaxfem.rows.corners import CornerContacts
 from jaxfem.rows.nearby import MOST_POINTS, NearbyContacts
 from jaxfem.rows.patches import PatchContacts
+from jaxfem.rows.surfaces import SurfaceContacts
 from jaxfem.rows.thinned import thinned
 
 
@@ -79,13 +80,14 @@ def nodes_on_surfaces(meeting: Meeting) -> Iterator[Candidates]:
     a, b = meeting.a, meeting.b
     if b is None or b.kind != "soft" or a == b:
         return
-    ways = [(meeting.points, b)]
+    ways = [(meeting.points, a, b)]
     if not meeting.chosen:
-        ways.append((meeting.points_of(b), a))
-    for points, other in ways:
+        ways.append((meeting.points_of(b), b, a))
+    for points, own, other in ways:
         triangles = meeting.surface(other)
         each = np.broadcast_to(triangles, (len(points.radius), *triangles.shape))
-        found = SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough)
+        around = triangles_around(points.points, meeting.surface(own))
+        found = SurfaceContacts(points.points, each, meeting.margins(points), meeting.rough, around=around)
         yield thinned(found, meeting.contact.per_node) if meeting.is_embedded(points) else found
 
 

@@ -7,13 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.building.meetings import Meeting, repeated
+from jaxfem.building.meetings import Meeting, repeated, triangles_around
 from jaxfem.declared.errors import AccuracyWarning
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.between_nodes import BetweenNodes, PatchEdges
-from jaxfem.rows.contact import SurfaceContacts
 from jaxfem.rows.faces import MOST_FACES, FaceContacts
+from jaxfem.rows.surfaces import SurfaceContacts
 
 AROUND_RIM = 8
 """Points of a rim that touch a soft body's surface."""
@@ -136,7 +136,8 @@ def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
         triangles = meeting.surface(one)
         if wanted:
             found = _between_nodes(meeting, triangles, thickness)
-            yield BetweenNodes(**_against(meeting, found, meeting.surface(other)))
+            around = triangles_around(found, triangles)
+            yield BetweenNodes(**_against(meeting, found, meeting.surface(other)), around=around)
         elif (widest := _edges(meeting, triangles)[1].max()) > thickness:
             warnings.warn(
                 f"{meeting.where}: nodes of one body are up to {widest:.3g} m apart and the other is {thickness:.3g} m "

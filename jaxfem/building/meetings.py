@@ -13,6 +13,8 @@ from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint
 
 MARGIN = 0.05  # of a's size
+WIDTH = 8
+"""Places for triangles around a node, or a multiple: so meshes share their programs."""
 
 
 class Side(NamedTuple):
@@ -109,6 +111,23 @@ class Meeting(NamedTuple):
         triangles = self.bodies.soft[side.number].mesh.surface
         nodes: np.ndarray = (triangles + self.bodies.offsets[side.number]).astype(np.int32)
         return nodes
+
+
+def triangles_around(points: Any, surface: np.ndarray) -> np.ndarray | None:
+    """Triangles (m, f, 3) of a `surface` (t, 3) that hold all nodes of each of the points (m), which lie on it; padded
+    with a triangle that has no area. None where they are not nodes of it, or of its edges."""
+    nodes = points.nodes
+    if nodes.shape[1] > 2:
+        return None
+    order = np.argsort(surface.ravel(), kind="stable")
+    sorted_nodes = surface.ravel()[order]
+    low, high = (np.searchsorted(sorted_nodes, nodes[:, 0], side=side) for side in ("left", "right"))
+    most = int((high - low).max())
+    places = low[:, None] + np.arange(-(-most // WIDTH) * WIDTH)
+    found = surface[order[np.minimum(places, len(order) - 1)] // 3]
+    held = (found[:, :, None, :] == nodes[:, None, :, None]).any(-1).all(-1) & (places < high[:, None])
+    around: np.ndarray = np.where(held[:, :, None], found, nodes[:, :1, None]).astype(np.int32)
+    return around
 
 
 def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:

@@ -11,7 +11,8 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.rows.attachments import Configuration, SoftPoint
-from jaxfem.rows.contact import SAID_AGAIN, Pairs, SurfaceContacts
+from jaxfem.rows.contact import SAID_AGAIN, Pairs
+from jaxfem.rows.surfaces import SurfaceContacts
 from jaxfem.tensors import contract
 
 LEVEL = 1e-5
@@ -46,10 +47,9 @@ class BetweenNodes(SurfaceContacts):
     def _end(fixed: Any, at: Configuration, k: int) -> jax.Array:
         """Gap (m,) of the edges' first or second node."""
         nodes = fixed.points.nodes[:, k : k + 1]
-        ends = SurfaceContacts(
-            SoftPoint(nodes, jnp.ones(nodes.shape, fixed.margin.dtype)), fixed.triangles, fixed.margin, fixed.rough
-        )
-        return ends.pairs(at).gap
+        ends = SoftPoint(nodes, jnp.ones(nodes.shape, fixed.margin.dtype))
+        alone = SurfaceContacts(ends, fixed.triangles, fixed.margin, fixed.rough, around=fixed.around)
+        return alone.pairs(at).gap
 
 
 class PatchEdges(BetweenNodes):

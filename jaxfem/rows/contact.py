@@ -20,7 +20,6 @@ from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
-from jaxfem.rows.triangles import gap_from, nearest_triangle
 from jaxfem.tensors import contract
 
 Array = jax.Array
@@ -202,31 +201,6 @@ class ShapeContacts(Candidates):
         local = contract("mji,mj->mi", turn, places - at.centers[self.body])
         gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
         return gap, contract("mij,mj->mi", turn, normal)
-
-
-class SurfaceContacts(Candidates):
-    """Points of any body or of ground against the surface of a soft body: each against the triangle nearest to it.
-
-    `points` (m); `triangles` (m, t, 3): nodes of those that each may meet, turned outward. The gap is measured along
-    the triangle's normal, or from its edge where the point is far beyond it.
-    """
-
-    points: Any
-    triangles: Any
-    margin: Any
-    rough: bool = static()
-
-    @property
-    def kind(self) -> str:
-        """Words for the kinds of partners."""
-        return f"{self.points.kind}-soft {self.triangles.shape[1]}"
-
-    def pairs(self, at: Configuration) -> Pairs:
-        """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
-        placed = self.points.placed(at)
-        chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles)
-        gap, normal = gap_from(placed.position, weights, normal, at.nodes[chosen])
-        return Pairs(gap, normal, difference(SoftPoint(chosen, weights).placed(at), placed))
 
 
 def contact_rows(

@@ -6,7 +6,8 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxfem.rows.attachments import Configuration
-from jaxfem.rows.contact import SAID_AGAIN, Pairs, SurfaceContacts
+from jaxfem.rows.contact import SAID_AGAIN, Pairs
+from jaxfem.rows.surfaces import SurfaceContacts
 
 SUNK = 0.25
 """Of the depth behind which nodes are elsewhere: those between the two are coming through."""

@@ -14,14 +14,15 @@ def nearest_triangle(
     """For points (m, 3): the nearest (m, 3) of their `triangles` (m, t, 3) over `nodes` (n, 3), barycentric weights
     (m, 3) of the nearest point on it, and its unit normal (m, 3).
 
-    Of triangles about equally near, one that looks against `outward` (m, 3) is taken, where that is given.
+    Of triangles about equally near, one that looks against `outward` (m, 3) is taken, where that is given and the point
+    is over such a one, or hardly beyond it.
     The choice is not differentiated, the weights are: those of the foot of the perpendicular, held inside the triangle.
     Close to an edge or a corner that triangles share, and beyond it, the normal is the mean of theirs.
     """
     fixed_points, fixed_nodes = jax.lax.stop_gradient((points, nodes))
     squares = _square_distances(fixed_points, fixed_nodes[triangles])
     if outward is not None:
-        squares = squares + _turned_away(fixed_nodes[triangles], jax.lax.stop_gradient(outward))
+        squares = _facing_first(squares, fixed_nodes[triangles], jax.lax.stop_gradient(outward))
     tied = _tied(squares, fixed_nodes[triangles])
     nearest = jnp.argmax(tied, axis=1)[:, None]
     chosen = jnp.take_along_axis(triangles, nearest[:, :, None], axis=1)[:, 0]
@@ -86,11 +87,23 @@ def _length(vectors: Array) -> Array:
     return length
 
 
-def _turned_away(corners: Array, outward: Array) -> Array:
-    """What makes triangles (m, t, 3, 3) that do not look against `outward` (m, 3) seem further off, (m, t)."""
+def _facing_first(squares: Array, corners: Array, outward: Array) -> Array:
+    """Of `squares` (m, t) of distances to triangles `corners` (m, t, 3, 3), those of triangles that do not look against
+    `outward` (m, 3) made larger where one that does is near."""
     across = jnp.cross(corners[:, :, 1] - corners[:, :, 0], corners[:, :, 2] - corners[:, :, 0])
-    double = jnp.linalg.norm(across, axis=-1)
-    return jnp.where(contract("mti,mi->mt", across, outward) < 0, 0, ASIDE**2 * double)
+    near = ASIDE**2 * _length(across)
+    facing = contract("mti,mi->mt", across, outward) < 0
+    met = jnp.any(facing & (squares < near), axis=1, keepdims=True)
+    first: Array = squares + jnp.where(met & ~facing, near, 0)
+    return first
+
+
+def normals_around(nodes: Array, around: Array) -> Array:
+    """Mean normals (m, 3), of unit length, of triangles `around` (m, f, 3) points over `nodes` (n, 3)."""
+    first, second, third = (nodes[around[:, :, i]] for i in range(3))
+    total = jnp.sum(jnp.cross(second - first, third - first), axis=1)
+    length = _length(total)[:, None]
+    return total / jnp.where(length > 0, length, 1)
 
 
 def _square_distances(points: Array, corners: Array) -> Array:
