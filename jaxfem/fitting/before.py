@@ -32,6 +32,11 @@ BEGINNINGS = ("load", "gravity", "velocity", "spin", "place", "turn", "motion")
 """First words of paths of what sets bodies in motion."""
 
 
+def sets_in_motion(names: Sequence[str]) -> bool:
+    """Whether one of the fitted `names` says how the motion begins."""
+    return any(name.split(".")[0] in BEGINNINGS for name in names)
+
+
 def refuse(faults: Sequence[str], checks: str) -> list[str]:
     """FitError of all faults; with checks = "warn" they come back, for the warnings."""
     if faults and checks == "refuse":
@@ -133,7 +138,7 @@ def start_faults(
     """What one linearised simulation of each take at the start z shows; nothing where one breaks down, which the search
     may mend."""
     faults, columns, size = [], [], 0.0
-    turned = any(each.split(".")[0] in BEGINNINGS for each in evaluator.unknowns.names)
+    turned = sets_in_motion(evaluator.unknowns.names)
     for piece, taken, frame in zip(evaluator.pieces, measured, frames, strict=True):
         residual, own, outcome = piece.linearised(z)
         jacobian = np.zeros((z.size, residual.size))

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared.errors import checked_choice
-from jaxfem.fitting.before import BEGINNINGS, outside, refuse, start_faults
+from jaxfem.fitting.before import outside, refuse, sets_in_motion, start_faults
 from jaxfem.fitting.engines import AUTO
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
@@ -173,7 +173,7 @@ def assembled(
 def _late(parameters: Sequence[str] | None) -> bool:
     """Whether what is fitted changes how, or when, the motion begins."""
     names = [parameters] if isinstance(parameters, str) else list(parameters or ())
-    return any(name == DELAY.name or name.split(".")[0] in BEGINNINGS for name in names)
+    return DELAY.name in names or sets_in_motion(names)
 
 
 def _place_prior(places: Any) -> Gaussian:
