@@ -100,7 +100,9 @@ class Recording:
         """The same rows with only these markers, in this order; FitError for a name that is not there."""
         missing = [name for name in names if name not in self.names]
         if missing:
-            raise FitError(f'the recording has no marker "{missing[0]}"; its markers: {", ".join(self.names)}')
+            raise FitError(
+                f'the recording has no marker "{missing[0]}" that is ever seen; its markers: {", ".join(self.names)}'
+            )
         columns = [self.names.index(name) for name in names]
         return dataclasses.replace(self, positions=self.positions[:, columns], names=tuple(names))
 

@@ -136,12 +136,12 @@ def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iter
     moved = steps[np.isfinite(steps) & (steps > 0)]
     if not moved.size or not others.size:
         return
-    usual = np.nanmedian(np.where(np.isfinite(others), others, np.nan), axis=0) if others.size else np.zeros(0)
+    usual = max((float(np.median(each[np.isfinite(each)])) for each in others.T if np.isfinite(each).any()), default=0)
     same = np.concatenate([[False], steps == 0])
     lost = np.zeros(len(places), bool)
     for start, end in _runs(same):
         long = end - start >= STUCK - 1 and end < len(places)
-        if long and np.nanmax(others[start - 1 : end]) > 0.5 * np.nanmax([*usual, 0.0]) and steps[end - 1] > 0:
+        if long and np.nan_to_num(others[start - 1 : end]).max() > 0.5 * usual and steps[end - 1] > 0:
             if steps[end - 1] > 2 * np.quantile(moved, 0.5) and (others[start - 1 : end] > 0).any(axis=1).all():
                 lost[start:end] = True
         elif end == len(places) and STUCK <= end - start and not same[:start].any():  # elsewhere it never repeats
@@ -156,11 +156,7 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
     while the others go on as usual; a leap without return ends the marker's samples."""
     motion, moving = _motion(positions), np.nan_to_num(_steps(positions))
     away = np.stack([_away_of(positions[:, m], recording.times) for m in range(positions.shape[1])], axis=1)
-    usual = np.stack([FAR * np.nanmedian(away, axis=0), 3 * np.nanquantile(away, 0.9, axis=0)])
-    usual = np.minimum(
-        usual, 5 * np.median(usual, axis=1, keepdims=True)
-    )  # no marker may be much worse than the others
-    limits = np.maximum(usual.max(axis=0), SHARE * motion)
+    limits = np.maximum(_usual(away), SHARE * motion)
     slips, sudden = dict[int, int](), _sudden(positions)
     common = (np.nan_to_num(away) > 0.3 * limits).sum(axis=1) > max(1, 0.5 * positions.shape[1])
     for m, name in enumerate(recording.names):
@@ -189,6 +185,19 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
             positions[row:, m] = np.nan
             name, when = recording.names[m], recording.times[row]
             yield f"{name}: leaps at {when:g} s and does not come back: missing from then on"
+
+
+def _usual(away: np.ndarray) -> np.ndarray:
+    """How far (M,) samples of markers are off at most, of distances (T, M); 0 for what is hardly ever seen."""
+    told = np.isfinite(away).any(axis=0)
+    if not told.any():
+        return np.zeros(away.shape[1])
+    known = away[:, told]
+    usual = np.stack([FAR * np.nanmedian(known, axis=0), 3 * np.nanquantile(known, 0.9, axis=0)])
+    usual = np.minimum(usual, 5 * np.median(usual, axis=1, keepdims=True))  # none may be much worse than the others
+    limits = np.zeros(away.shape[1])
+    limits[told] = usual.max(axis=0)
+    return limits
 
 
 def _motion(positions: np.ndarray) -> float:

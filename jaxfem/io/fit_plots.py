@@ -61,11 +61,12 @@ def plot_fit(path: Any, result: FitResult) -> Path:
             colour = COLOURS[axis]
             panel.plot(result.times, measured[:, marker, axis], ".", color="0.55", markersize=3.2, label="measured")
             panel.plot(result.times, simulated[:, marker, axis], color=colour, linewidth=1.3, label="simulated")
-            left = np.sqrt(np.nanmean((simulated - measured)[:, marker, axis] ** 2))
+            off = (simulated - measured)[:, marker, axis]
+            left = np.sqrt(np.mean(off[np.isfinite(off)] ** 2)) if np.isfinite(off).any() else np.nan
             panel.text(
                 0.98,
                 0.06,
-                f"rms {left:.2g} {unit}",
+                f"rms {left:.2g} {unit}" if np.isfinite(left) else "not seen",
                 transform=panel.transAxes,
                 ha="right",
                 fontsize=7,

@@ -196,3 +196,12 @@ def test_one_marker_that_leaps_is_named():
     recording.positions[100:, 2, 0] += 2e-3
     cut = {"release": STILL / RATE, "end": None, "frame": "none", "compare": "displacement"}
     assert '"right" alone leaps' in leap_faults(measurement(recording, PLACES, **cut), NAMES)[0]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seen", [1, 2, 5, 9])
+def test_a_marker_that_is_hardly_ever_seen_says_nothing_of_the_others(seen):
+    recording = swing()
+    recording.positions[seen:, 0] = np.nan
+    again = repaired(recording)
+    assert again.notes == () and np.array_equal(again.seen, recording.seen)
