@@ -17,6 +17,9 @@ from jaxfem.tensors import contract
 DEEPEST = 0.5
 """Share of a triangle's size down to which a corner beneath it has come through it: deeper, it is on another side."""
 
+AT_NODE = 1e-3  # weight of a triangle's two other corners up to which the node there has the point
+FAR = 1e3  # gap of what takes no part, in sizes of the triangle
+
 
 class CornerContacts(Candidates):
     """Sharp points of solids against the surface of a soft body: each against the nearest triangle that faces it.
@@ -43,7 +46,8 @@ class CornerContacts(Candidates):
         return SAID_AGAIN
 
     def pairs(self, at: Configuration) -> Pairs:
-        """The other side is a point of the triangle; beyond its edge the gap is the way from there."""
+        """The other side is a point of the triangle; beyond its edge the gap is the way from there. On a node the two
+        would say the same twice: the node's own row does."""
         placed = self.points.placed(at)
         outward = self.outward
         if isinstance(self.points, RigidPoint):
@@ -57,4 +61,6 @@ class CornerContacts(Candidates):
         apart = (away & jnp.any(way != 0, -1))[:, None]
         length = jnp.linalg.norm(jnp.where(apart, way, 1), axis=-1)
         normal = jnp.where(apart, way / length[:, None], normal)
-        return Pairs(jnp.where(away, length, height), normal, difference(other, placed))
+        said = ~away & (jnp.max(weights, -1) > 1 - AT_NODE)
+        gap = jnp.where(said, FAR * jnp.sqrt(area), jnp.where(away, length, height))
+        return Pairs(gap, normal, difference(other, placed))
