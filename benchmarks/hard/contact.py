@@ -16,6 +16,7 @@ from hard.worlds import (
     ground,
     pair,
     plate,
+    rim_on_rim,
     tower,
 )
 
@@ -249,6 +250,30 @@ def heavy(name: str, tolerance: float | None, quick: bool) -> None:
 heavy("1000 kg on 1 g", None, False)
 heavy("1000 kg on 1 g, tolerance 1e-6", 1e-6, False)
 heavy("1000 kg on 1 g, tolerance 1e-11", 1e-11, False)
+
+
+def on_its_outline(name: str, below: str) -> None:
+    @case(name, "soft contact", SOFT, quick=True)
+    def found(at: Setting) -> Told:
+        world = rim_on_rim(at, below)
+        run = roll(world, DT, 120)
+        rest, places = (np.asarray(each, float) for each in (world.model.rest, run.end.positions))
+        # Nodes of the face of the cube lie where those of the one below do, or level on the box.
+        count = len(rest) // (1 if below == "box" else 2)
+        face = np.flatnonzero(np.isclose(rest[:count, 2], SIDE, atol=1e-6))
+        level = np.full(len(face), SIDE)
+        if below != "box":
+            level = np.array([places[count:][np.abs(rest[count:] - rest[k]).sum(1).argmin(), 2] for k in face])
+        wanted = [
+            Wanted("faces apart or in each other [m]", float(np.abs(places[face, 2] - level).max()), 5e-5),
+            Wanted("iterations of the worst step over their limit", run.iterations / 2000, 1.0),
+            Wanted("bad status", run.status, 0),
+        ]
+        return Told(wanted, [run])
+
+
+on_its_outline("soft cube on a cube of its mesh", "cube")
+on_its_outline("soft cube on a rigid box of its outline", "box")
 
 
 def flying(speed: float, seed: int) -> None:

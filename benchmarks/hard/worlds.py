@@ -78,6 +78,18 @@ def tower(at: Setting) -> World:
 
 
 @functools.cache
+def rim_on_rim(at: Setting, below: str) -> World:
+    """A soft cube on what has its outline: a cube of the same mesh on a plane, or a rigid "box" held in place."""
+    cube = jf.SoftBody(cube_mesh(SIDE), 1e5, 0.3, 1000.0, damping=0.005, name="cube")
+    if below == "box":
+        box = jf.RigidBody(jf.Box((SIDE,) * 3), mass=1.0, position=(0, 0, SIDE / 2), fixed=True, name="box")
+        return built(jf.Scene([cube, box], contacts=[jf.Contact(cube, box, name="rim")]), at)
+    lower = jf.SoftBody(cube_mesh(), 1e5, 0.3, 1000.0, damping=0.005, name="lower")
+    contacts = [jf.Contact(lower, jf.Plane(), name="floor"), jf.Contact(cube, lower, name="rim")]
+    return built(jf.Scene([cube, lower], contacts=contacts), at)
+
+
+@functools.cache
 def plate(at: Setting) -> World:
     """A thin soft plate above a thin rigid slab."""
     mesh = jf.mesh.box((0.2, 0.2, 0.004), (4, 4, 1), tets_per_cell=5, origin=(-0.1, -0.1, 0.1))

@@ -108,21 +108,22 @@ def points_on_shape(meeting: Meeting) -> Iterator[Candidates]:
 
 
 def corners_on_surface(meeting: Meeting) -> Iterator[CornerContacts]:
-    """Sharp points of a rigid b against the surface of a soft a, where a's points are not chosen."""
-    a, b = meeting.a, meeting.b
-    if a.kind != "soft" or b is None or b.shape is None or meeting.chosen:
+    """Sharp points of a rigid b, or of ground that is a solid, against the surface of a soft a, where a's points are
+    not chosen."""
+    shape, number = meeting.opposite
+    if meeting.a.kind != "soft" or shape is None or meeting.chosen or not shape.is_solid():
         return
-    points, radius = meeting.points_of(b)
-    sharp = radius == 0
-    if not sharp.any():
+    places, radius = shape.features()
+    places = places[radius == 0]
+    if not len(places):
         return
-    local, body = points.local[sharp], points.body[sharp]
+    middle = shape.mass_properties()[1] if number is None else meeting.bodies.rigid[number].properties[1]
+    local = places - middle
     lengths = np.linalg.norm(local, axis=1, keepdims=True)
-    triangles = np.broadcast_to(meeting.surface(a), (len(local), *meeting.surface(a).shape))
+    points = WorldPoint(places) if number is None else RigidPoint(np.full(len(local), number, np.int32), local)
+    triangles = np.broadcast_to(meeting.surface(meeting.a), (len(local), *meeting.surface(meeting.a).shape))
     outward = local / np.where(lengths > 0, lengths, 1)
-    yield CornerContacts(
-        RigidPoint(body, local), outward, triangles, np.full(len(local), meeting.margin), meeting.rough
-    )
+    yield CornerContacts(points, outward, triangles, np.full(len(local), meeting.margin), meeting.rough)
 
 
 def edges_on_edges(meeting: Meeting) -> Iterator[BoxEdges]:
@@ -180,8 +181,17 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
     given = (points.points, points.radius, own, numbers, margin[:MOST_POINTS], meeting.rough, shape.shared)
     if count > MOST_POINTS and not isinstance(points.points, SoftPoint):
         return NearbyContacts(*given, offset=offset, most=MOST_POINTS)
-    found = ShapeContacts(*given[:4], margin, *given[5:], offset=offset)
+    found = ShapeContacts(*given[:4], margin, *given[5:], offset=offset, **_at_edges(meeting, points, shape))
     return thinned(found, meeting.contact.per_node) if meeting.is_embedded(points) else found
+
+
+def _at_edges(meeting: Meeting, points: Touching, shape: Shape) -> dict[str, Any]:
+    """What tells nodes of a soft a which face of a solid with edges is theirs; nothing for others."""
+    if not (isinstance(points.points, SoftPoint) and shape.is_solid()):
+        return {}
+    sharp = len(shape.circles()) or (shape.features()[1] == 0).any()
+    around = triangles_around(points.points, meeting.surface(meeting.a)) if sharp else None
+    return {} if around is None else {"around": around, "crease": shape.crease}
 
 
 def _kind(candidates: Any) -> Any:

@@ -20,6 +20,7 @@ from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
+from jaxfem.rows.triangles import areas_around
 from jaxfem.tensors import contract
 
 Array = jax.Array
@@ -31,11 +32,11 @@ DEEP = 1e-3
 BURIED, OVERLAP = 0.1, 0.2
 """Of the margin: points of rigid bodies inside each other by more go apart in one direction, that of the bodies; and so
 do corners where a point a little further inside of their own body is inside the other, by that share of the way."""
+ASIDE, BESIDE = 0.01, 0.06
+"""Of the way from a corner to its body's centre, and of the size of the surface around a soft body's node: how far
+further inside of that body the other's normal is taken as well."""
 LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
 """Of the margin: how far bodies in one place are taken for apart, and in which direction, to tell where they part."""
-ASIDE, EDGE = 0.01, 0.9
-"""Of the way from a corner to its body's centre: where else the other body's normal is taken; and the cosine between
-the two normals below which there is an edge in between."""
 SAID_AGAIN = 1e-3  # of what a unit impulse moves a row's soft nodes by: how far rows give that others nearly say too
 
 
@@ -111,7 +112,9 @@ class ShapeContacts(Candidates):
 
     `points` (m); `radius` (m,) of the ball around each; `shape`: one for all pairs if `shared`, else its leaves lead
     with m; `body` (m,): the rigid bodies that the shapes belong to, None for ground; `offset` (m, 3): their centres of
-    mass from the shapes' origins, in the shapes' frames, None where they are one.
+    mass from the shapes' origins, in the shapes' frames, None where they are one; `around` (m, f, 3): triangles of the
+    points' own surface that they lie on, of nodes of soft bodies that meet shapes with edges, else None; `crease`:
+    cosine between two normals below which there is an edge in between.
     """
 
     points: Any
@@ -122,6 +125,8 @@ class ShapeContacts(Candidates):
     rough: bool = static()
     shared: bool = static()
     offset: Any = dataclasses.field(default=None, kw_only=True)
+    around: Any = dataclasses.field(default=None, kw_only=True)
+    crease: float = static(default=0.9, kw_only=True)
 
     @property
     def kind(self) -> str:
@@ -146,6 +151,7 @@ class ShapeContacts(Candidates):
             shape=self.shape if self.shared else copied(self.shape),
             body=copied(self.body),
             offset=copied(self.offset),
+            around=None,
             margin=copied(self.margin),
             names=(self.names[like],) * len(nodes),
         )
@@ -154,8 +160,11 @@ class ShapeContacts(Candidates):
         """The normal is the gradient of the distance; both sides push at the middle of the gap, or at a's node."""
         placed = self.points.placed(at)
         gap, normal = self._distance(placed.position, at)
-        if isinstance(self.points, RigidPoint) and self.body is not None:
-            gap, normal = self._at_edges(gap, normal, placed.position, self.points, at)
+        if self.around is not None:
+            inside = jax.lax.stop_gradient(_further_inside(at.nodes, self.around))
+            gap, normal, _ = self._at_edges(gap, normal, placed.position, inside, at)
+        elif isinstance(self.points, RigidPoint) and self.body is not None:
+            gap, normal = self._of_corners(gap, normal, placed.position, self.points, at)
         gap = gap - self.radius
         if isinstance(self.points, RigidPoint):
             middle = placed.position - normal * (self.radius + gap / 2)[:, None]
@@ -164,21 +173,28 @@ class ShapeContacts(Candidates):
             return Pairs(gap, normal, placed)
         return Pairs(gap, normal, difference(moving_with_body(at, self.body, placed.position), placed))
 
-    def _at_edges(
+    def _of_corners(
         self, gap: Array, normal: Array, places: Array, points: RigidPoint, at: Configuration
     ) -> tuple[Array, Array]:
-        """Gap and normal of corners at an edge, where rounding would choose among its faces: those of the face above
-        which the corner's own body is. That is the one nearest to a point a little further inside of that body."""
+        """Gap and normal of corners: of bodies in one another, those of the plane across which they part."""
         inside = ASIDE * (at.centers[points.body] - places) * (self.radius == 0)[:, None]
-        there, leaning = self._distance(places + inside, at)
-        edge = jnp.sum(normal * leaning, -1) < EDGE
-        face = there - jnp.sum(leaning * inside, -1)
+        depth = gap - self.radius
+        gap, normal, there = self._at_edges(gap, normal, places, inside, at)
         both = there < -OVERLAP * jnp.linalg.norm(jax.lax.stop_gradient(inside), axis=-1)
-        buried = both | (gap - self.radius < -BURIED * self.margin)
-        gap, normal = jnp.where(edge, face, gap), jnp.where(edge[:, None], leaning, normal)
         plane, way = self._parting(places, points, at)
-        buried = buried & (plane < self.radius)
+        buried = (both | (depth < -BURIED * self.margin)) & (plane < self.radius)
         return jnp.where(buried, plane, gap), jnp.where(buried[:, None], way, normal)
+
+    def _at_edges(
+        self, gap: Array, normal: Array, places: Array, inside: Array, at: Configuration
+    ) -> tuple[Array, Array, Array]:
+        """Gap and normal of points at an edge, where rounding would choose among its faces: those of the face above
+        which the points' own body is, the one nearest to what is a little further `inside` (m, 3) of that body; and the
+        distance there."""
+        there, leaning = self._distance(places + inside, at)
+        edge = jnp.sum(normal * leaning, -1) < self.crease
+        face = there - jnp.sum(leaning * inside, -1)
+        return jnp.where(edge, face, gap), jnp.where(edge[:, None], leaning, normal), there
 
     def _parting(self, places: Array, points: RigidPoint, at: Configuration) -> tuple[Array, Array]:
         """Distances and normal of the plane that touches the other body where it is nearest to the centre of the
@@ -201,6 +217,13 @@ class ShapeContacts(Candidates):
         local = contract("mji,mj->mi", turn, places - at.centers[self.body])
         gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
         return gap, contract("mij,mj->mi", turn, normal)
+
+
+def _further_inside(nodes: Array, around: Array) -> Array:
+    """Ways (m, 3) from points of a surface into its body: against the sum of areas of the triangles `around` them."""
+    area = areas_around(nodes, around)
+    square = jnp.sum(area**2, -1, keepdims=True)
+    return -BESIDE * area / jnp.where(square > 0, square, 1) ** 0.25
 
 
 def contact_rows(

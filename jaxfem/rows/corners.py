@@ -1,4 +1,4 @@
-"""Corners of rigid bodies against the faces of soft ones, which nodes of the soft body alone do not see.
+"""Corners of rigid bodies and of ground against the faces of soft ones, which nodes of the soft body alone do not see.
 
 A soft body under a rigid one bulges: nodes at its rim slip out from under the rigid body's own rim, and what is left to
 carry it may be a single node in the middle. The rigid body's corners then stand on the soft face.
@@ -9,7 +9,7 @@ from typing import Any
 import jax.numpy as jnp
 
 from jaxfem.pytrees import static
-from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, difference
+from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, WorldPoint, difference
 from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
 from jaxfem.rows.triangles import aside, nearest_triangle
 from jaxfem.tensors import contract
@@ -17,15 +17,19 @@ from jaxfem.tensors import contract
 DEEPEST = 0.5
 """Share of a triangle's size down to which a corner beneath it has come through it: deeper, it is on another side."""
 
+AT_NODE = 1e-3  # weight of a triangle's two other corners up to which the node there has the point
+FAR = 1e3  # gap of what takes no part, in sizes of the triangle
+
 
 class CornerContacts(Candidates):
-    """Sharp points of rigid bodies against the surface of a soft body: each against the nearest triangle that faces it.
+    """Sharp points of solids against the surface of a soft body: each against the nearest triangle that faces it.
 
-    `points` (m); `outward` (m, 3): a direction in each body's frame in which the body ends at the point: a triangle
-    that looks the same way is of the soft body's other side; `triangles` (m, t, 3): nodes of those that each may meet.
+    `points` (m), of rigid bodies or of ground; `outward` (m, 3): a direction in each solid's frame in which it ends at
+    the point: a triangle that looks the same way is of the soft body's other side; `triangles` (m, t, 3): nodes of
+    those that each may meet.
     """
 
-    points: RigidPoint
+    points: RigidPoint | WorldPoint
     outward: Any
     triangles: Any
     margin: Any
@@ -34,7 +38,7 @@ class CornerContacts(Candidates):
     @property
     def kind(self) -> str:
         """Words for the kinds of partners."""
-        return f"rigid corner-soft {self.triangles.shape[1]}"
+        return f"{self.points.kind} corner-soft {self.triangles.shape[1]}"
 
     @property
     def give(self) -> float:
@@ -42,9 +46,12 @@ class CornerContacts(Candidates):
         return SAID_AGAIN
 
     def pairs(self, at: Configuration) -> Pairs:
-        """The other side is a point of the triangle; beyond its edge the gap is the way from there."""
+        """The other side is a point of the triangle; beyond its edge the gap is the way from there. On a node the two
+        would say the same twice: the node's own row does."""
         placed = self.points.placed(at)
-        outward = contract("mij,mj->mi", at.rotations[self.points.body], self.outward)
+        outward = self.outward
+        if isinstance(self.points, RigidPoint):
+            outward = contract("mij,mj->mi", at.rotations[self.points.body], outward)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles, outward)
         other = SoftPoint(chosen, weights).placed(at)
         way, corners = placed.position - other.position, at.nodes[chosen]
@@ -54,4 +61,6 @@ class CornerContacts(Candidates):
         apart = (away & jnp.any(way != 0, -1))[:, None]
         length = jnp.linalg.norm(jnp.where(apart, way, 1), axis=-1)
         normal = jnp.where(apart, way / length[:, None], normal)
-        return Pairs(jnp.where(away, length, height), normal, difference(other, placed))
+        said = ~away & (jnp.max(weights, -1) > 1 - AT_NODE)
+        gap = jnp.where(said, FAR * jnp.sqrt(area), jnp.where(away, length, height))
+        return Pairs(gap, normal, difference(other, placed))

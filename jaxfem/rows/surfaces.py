@@ -10,7 +10,7 @@ from typing import Any
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint, difference
 from jaxfem.rows.contact import Candidates, Pairs
-from jaxfem.rows.triangles import gap_from, nearest_triangle, normals_around
+from jaxfem.rows.triangles import areas_around, gap_from, nearest_triangle
 
 
 class SurfaceContacts(Candidates):
@@ -35,7 +35,7 @@ class SurfaceContacts(Candidates):
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
         placed = self.points.placed(at)
-        outward = None if self.around is None else normals_around(at.nodes, self.around)
+        outward = None if self.around is None else areas_around(at.nodes, self.around)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles, outward)
         gap, normal = gap_from(placed.position, weights, normal, at.nodes[chosen])
         return Pairs(gap, normal, difference(SoftPoint(chosen, weights).placed(at), placed))

@@ -98,12 +98,11 @@ def _facing_first(squares: Array, corners: Array, outward: Array) -> Array:
     return first
 
 
-def normals_around(nodes: Array, around: Array) -> Array:
-    """Mean normals (m, 3), of unit length, of triangles `around` (m, f, 3) points over `nodes` (n, 3)."""
+def areas_around(nodes: Array, around: Array) -> Array:
+    """Sums (m, 3) of the normals of triangles `around` (m, f, 3) points over `nodes` (n, 3), times their areas."""
     first, second, third = (nodes[around[:, :, i]] for i in range(3))
-    total = jnp.sum(jnp.cross(second - first, third - first), axis=1)
-    length = _length(total)[:, None]
-    return total / jnp.where(length > 0, length, 1)
+    total: Array = 0.5 * jnp.sum(jnp.cross(second - first, third - first), axis=1)
+    return total
 
 
 def _square_distances(points: Array, corners: Array) -> Array:

@@ -37,6 +37,9 @@ class Shape(Pytree):
     """Whether all pairs of a contact share one copy of its values: large ones, or a function."""
     flat: ClassVar[bool] = False
     """Whether its distance is linear: of a segment, only an end can be nearest."""
+    crease: ClassVar[float] = 0.9
+    """Cosine between normals at places near each other below which there is an edge in between: near 1 where all its
+    faces are flat."""
     convex: ClassVar[bool] = True
     """Whether the distance from it has no more than one least value along a straight line."""
     swept: ClassVar[bool] = False

@@ -45,6 +45,7 @@ class Box(Shape, word="box"):
     """A block with edges of `size` (3,) [m], full lengths."""
 
     size: Any = field(metadata=takes(Vector("m", positive=True)))
+    crease: ClassVar[float] = 0.9999
 
     def mass_properties(self) -> MassProperties:
         """Volume, centre, inertia per mass."""
