@@ -138,7 +138,7 @@ def guarded_inverse(a: Matrix3) -> Matrix3:
 
 
 def inverse_blocks(blocks: Array) -> Array:
-    """Inverses of symmetric 3x3 blocks (n, 3, 3), by cofactors."""
+    """Inverses of 3x3 blocks (n, 3, 3), by cofactors."""
     rows = [blocks[:, i] for i in range(3)]
     cofactors = [jnp.cross(rows[(i + 1) % 3], rows[(i + 2) % 3]) for i in range(3)]
     determinant = jnp.sum(rows[0] * cofactors[0], -1)

@@ -11,6 +11,7 @@ from jaxfem.declared import RigidBody, SceneError
 from jaxfem.mesh import locate
 from jaxfem.pytrees import on_device
 from jaxfem.rigid.dynamics import RigidParams, RigidSet, RigidState
+from jaxfem.rigid.slender import slender
 from jaxfem.rows.attachments import Frame, Point, RigidFrame, RigidPoint, SoftPoint, WorldFrame, WorldPoint
 
 OUTSIDE = 1e-6  # of a soft body's size: how far an anchor may lie off its mesh
@@ -115,6 +116,7 @@ def rigid_parts(
         start_orientation=real(orientations),
         driven=on_device(driven, jnp.int32),
         names=tuple(names),
+        slender=slender(np.stack(inertias), ~np.array(still), dtype),
     )
     motions = tuple(
         jax.tree.map(real, bodies[i].motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)) for i in driven

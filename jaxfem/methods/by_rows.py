@@ -15,6 +15,7 @@ from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree, on_device
+from jaxfem.rigid.slender import slender_status
 from jaxfem.rows.base import Rows
 from jaxfem.rows.bounds import beyond_cone
 from jaxfem.solvers.differentiation import recomputed
@@ -88,6 +89,8 @@ class RowMethod(Method):
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
         status = piercing_status(model, state, status)
         status = turning_status(model, params, state, dt, status)
+        if model.rigid is not None:
+            status = slender_status(model.rigid, following.rigid, dt, status)
         return following, info.replace(status=status, beyond_cone=found.beyond)
 
     def _check(self, system: System, solved: Any) -> None:

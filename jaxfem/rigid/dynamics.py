@@ -29,7 +29,8 @@ class RigidSet(Pytree):
 
     `inertia_per_mass` (b, 3, 3) [m^2] about the centre of mass, in the body's frame; `free` (b,) 1 where a body moves
     by its own dynamics, 0 where it is fixed or driven; `start` (b, 3) [m] and `start_orientation` (b, 4): poses that
-    motions start from; `driven` (d,): the bodies that follow `RigidParams.motions`, one each.
+    motions start from; `driven` (d,): the bodies that follow `RigidParams.motions`, one each; `slender`: numbers of
+    those that are so thin that the precision may not tell their spin (see `slender.py`).
     """
 
     inertia_per_mass: Array
@@ -38,6 +39,7 @@ class RigidSet(Pytree):
     start_orientation: Array
     driven: Array
     names: tuple[str, ...] = static()
+    slender: tuple[int, ...] = static(default=())
 
     @property
     def count(self) -> int:
@@ -90,9 +92,23 @@ def free_spin(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
 
 
 def angular_momentum(bodies: RigidSet, mass: Array, state: RigidState) -> Array:
-    """Spin I w of each body, (b, 3) [kg m^2/s]."""
-    inertia = world_inertia(bodies, mass, state.orientations)
-    return contract("bij,bj->bi", inertia, state.angular_velocities)
+    """Spin I w of each body, (b, 3) [kg m^2/s]; in the body's frame, where moments that are far apart stay so."""
+    turn = quaternion_to_matrix(state.orientations)
+    own = contract("bji,bj->bi", turn, state.angular_velocities)
+    return mass[:, None] * contract("bij,bj->bi", turn, contract("bij,bj->bi", bodies.inertia_per_mass, own))
+
+
+def _spin_of(bodies: RigidSet, mass: Array, orientations: Array, momentum: Array) -> Array:
+    """Angular velocities (b, 3) of bodies with that angular `momentum` (b, 3): its inverse to rounding, not beside it.
+
+    An inverse that is rounded once for all, or turns that are not quite turns, would take or give a share each step.
+    """
+    back, inertia = inverse_blocks(quaternion_to_matrix(orientations)), bodies.inertia_per_mass
+    inverse = inverse_blocks(inertia)
+    own = contract("bij,bj->bi", back, momentum) / mass[:, None]
+    spin = contract("bij,bj->bi", inverse, own)
+    spin = spin + contract("bij,bj->bi", inverse, own - contract("bij,bj->bi", inertia, spin))
+    return contract("bji,bj->bi", back, spin)
 
 
 def advanced(
@@ -120,7 +136,7 @@ def advanced(
         along = along + share * (state.velocities - along)
         turning = turning + share * (state.angular_velocities - turning)
     orientations = turned(state.orientations, dt * turning)
-    after = contract("bij,bj->bi", inverse_blocks(world_inertia(bodies, mass, orientations)), momentum)
+    after = _spin_of(bodies, mass, orientations, momentum)
     return RigidState(
         positions=state.positions + dt * along,
         orientations=orientations,

@@ -33,6 +33,7 @@ class Status(enum.IntEnum):
     TURNED_TOO_FAR = 10
     GAVE_WAY = 11
     UNRESOLVED = 12
+    UNRESOLVED_SPIN = 13
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
@@ -73,6 +74,7 @@ _MESSAGES = {
     Status.TURNED_TOO_FAR: "turned too far for a step of straight lines",
     Status.GAVE_WAY: "gave way under a load",
     Status.UNRESOLVED: "did not resolve elastic strains",
+    Status.UNRESOLVED_SPIN: "did not resolve a spin",
 }
 
 
