@@ -84,7 +84,7 @@ class RowMethod(Method):
         following, info = ended(model, params, state, dt, found.solved, found.impact, found.passed, forces, found.spin)
         status = info.status
         if model.joints:
-            status = held(model, params, configuration(following), found.missed, dt, status)
+            status = held(model, params, configuration(following), velocities_of(following), found.missed, dt, status)
         if found.gave is not None:
             status = jnp.where(status == int(Status.CONVERGED), found.gave, status)
         status = piercing_status(model, state, status)

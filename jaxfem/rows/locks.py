@@ -71,6 +71,11 @@ class JointRows(Pytree):
         return True
 
     @property
+    def turns_over(self) -> bool:
+        """Whether their gap is a turn of half a one at most: bent further, a spring pushes the other way."""
+        return False
+
+    @property
     def one_sided(self) -> bool:
         """Whether they only push or only pull, and may strike: limits and ropes."""
         return False
@@ -179,6 +184,11 @@ class FrameLock(JointRows):
     def length(self) -> bool:
         """An angle."""
         return False
+
+    @property
+    def turns_over(self) -> bool:
+        """Beyond half a turn the shortest way back is the other one."""
+        return True
 
     def idle(self, values: Any) -> dict[str, tuple[Any, str]]:
         """Damping of rigid ones."""

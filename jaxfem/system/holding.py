@@ -5,6 +5,7 @@ a gap and more, however small the compliance that keeps their matrix regular. Wh
 moved too far for a step whose rows are straight lines.
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -79,24 +80,31 @@ def unmet(model: Model, system: System, velocities: Array, impulses: Mapping[str
 
 
 def held(
-    model: Model, params: Params, at: Configuration, missed: Mapping[str, Array], dt: Array, status: Array
+    model: Model,
+    params: Params,
+    at: Configuration,
+    velocities: Array,
+    missed: Mapping[str, Array],
+    dt: Array,
+    status: Array,
 ) -> Array:
     """The status of a step that ended `at` a configuration: that given, or where it is 0 that of its joints.
 
-    `missed`: see `unmet`.
+    `velocities` (n, 3): those of the end, of all triples; `missed`: see `unmet`.
     """
     groups = {label: group for label, group in sorted(model.joints.items()) if group.holds}
     if not groups or model.size is None:
         return status
-    params, at, size = jax.lax.stop_gradient((params, at, model.size))
+    params, at, velocities, size = jax.lax.stop_gradient((params, at, velocities, model.size))
     names = list(dict.fromkeys(name for group in groups.values() for name in group.names))
     number = {name: i for i, name in enumerate(names)}
     owner = np.array([number[name] for group in groups.values() for name in group.names])
-    against, opened = [], []
+    against, opened, over = [], [], []
     for label, group in groups.items():
         scale = size if group.length else TURN
         rows = group.rows(at, params.joints[label], STILL)
         opened.append(jnp.where(rows.compliance.max(axis=1) == 0, violation(rows) / scale, 0))
+        over.append(_turned_over(rows, velocities, dt) if group.turns_over else jnp.zeros(rows.bias.shape[:1], bool))
         against.append(dt * missed.get(joint_name(label), jnp.zeros_like(opened[-1])) / scale)
     apart, unable = jnp.concatenate(opened), jnp.concatenate(against)
     first = jnp.argmax(unable)
@@ -105,7 +113,18 @@ def held(
     pairs = jnp.asarray(_codes_of_pairs(names))[jnp.asarray(owner)[first], jnp.asarray(owner)[second] % _pairs(names)]
     found = jnp.where(apart.max() > OPEN, jnp.asarray(_codes_of_open(names)[owner])[jnp.argmax(apart)], status)
     found = jnp.where(unable.max() > AGAINST, pairs, found)
+    if any(group.turns_over for group in groups.values()):
+        turned = jnp.concatenate(over)
+        found = jnp.where(turned.any(), jnp.asarray(_codes_of_turned(names)[owner])[jnp.argmax(turned)], found)
     return jnp.where(status == int(Status.CONVERGED), found, status).astype(jnp.int32)
+
+
+def _turned_over(rows: Any, velocities: Array, dt: Array) -> Array:
+    """Which springs (m,), of rows made at `STILL`, a step has bent past half a turn: where they came from is more than
+    that away from where they are."""
+    came = -rows.bias - dt * rows.apply(velocities)
+    found: Array = (rows.compliance.max(axis=1) > 0) & (jnp.sum(came**2, axis=1) > math.pi**2)
+    return found
 
 
 def _pairs(names: Sequence[str]) -> int:
@@ -115,6 +134,10 @@ def _pairs(names: Sequence[str]) -> int:
 
 def _codes_of_open(names: Sequence[str]) -> np.ndarray:
     return np.array([caused(Status.OPEN_JOINTS, f"{name}, {_FAR}") for name in names], np.int32)
+
+
+def _codes_of_turned(names: Sequence[str]) -> np.ndarray:
+    return np.array([caused(Status.GAVE_WAY, f'joint "{name}", {_OVER}') for name in names], np.int32)
 
 
 def _codes_of_pairs(names: Sequence[str]) -> np.ndarray:
@@ -133,4 +156,5 @@ def _codes_of_pairs(names: Sequence[str]) -> np.ndarray:
 
 
 _BOTH = "which cannot all hold: move an anchor, change a length, give one of them a compliance, or leave it out"
+_OVER = "bent past half a turn, from where its spring turns it on: give it less compliance, or a smaller time step"
 _FAR = "further than a twentieth of the scene's size: take a smaller time step"

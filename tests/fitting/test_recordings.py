@@ -127,7 +127,7 @@ def test_impossible_settings_are_refused(settings, message):
 
 
 def test_a_subset_refuses_unknown_names():
-    with pytest.raises(FitError, match='no marker "tip"; its markers: a, b'):
+    with pytest.raises(FitError, match='no marker "tip" that is ever seen; its markers: a, b'):
         motion(5).subset(("tip",))
 
 

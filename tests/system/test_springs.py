@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import pytest
 
 import jaxfem as jf
+from jaxfem.solvers import describe
 
 G = 9.81
 
@@ -43,3 +44,19 @@ def test_a_rigid_joint_has_the_derivative_of_one_that_gives():
     slope, change = jax.grad(lowest)(0.0), 1e-8
     assert float(slope) == pytest.approx(float(lowest(change) - lowest(0.0)) / change, rel=1e-2)
     assert slope < 0
+
+
+SPIN, INERTIA = 8.0, 0.04 / 6  # of a cube of 1 kg and .2 m
+
+
+@pytest.mark.parametrize("kind", [jf.WeldJoint, jf.HingeJoint, jf.SliderJoint])
+@pytest.mark.parametrize(("reach", "passes"), [(3.1, False), (3.3, True)])
+def test_a_spring_that_is_bent_past_half_a_turn_is_named(kind, reach, passes):
+    """Its energy at that angle [rad] is that of the spin: beyond pi it turns its body on, the other way round."""
+    box = jf.RigidBody(jf.Box((0.2,) * 3), mass=1.0, angular_velocity=(SPIN, 0, 0), name="box")
+    axis = {} if kind is jf.WeldJoint else {"axis": (0, 0, 1), "anchor": (0, 0, 0)}
+    joint = kind(box, None, compliance=reach**2 / (INERTIA * SPIN**2), name="bent", **axis)
+    model, params, state = jf.build(jf.Scene([box], joints=[joint], gravity=(0, 0, 0)), solver="direct")
+    _, info = jf.rollout(model, params, state, 1e-2, 80)
+    bad = [describe(int(code)) for code in info.status if int(code)]
+    assert len(bad) == passes and all('joint "bent", bent past half a turn' in text for text in bad)

@@ -86,7 +86,7 @@ def judged(
         impulses, end = after.impulses, state_of(body, after)
         if model.joints:
             missed = unmet(model, system, end.velocities, impulses)
-            status = held(model, params, configuration(end), missed, dt, status)
+            status = held(model, params, configuration(end), end.velocities, missed, dt, status)
         gave = gave_way(model, system, impulses, dt)
         if gave is not None:
             status = jnp.where(status == int(Status.CONVERGED), gave, status)
