@@ -9,7 +9,14 @@ import numpy as np
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.building.curves import curves_on_shapes
 from jaxfem.building.faces import edges_on_surfaces, faces_on_shape, warn_between_points
-from jaxfem.building.meetings import Meeting, Touching, meeting_of, repeated, triangles_around
+from jaxfem.building.meetings import (
+    Meeting,
+    Touching,
+    bounds_at_corners,
+    meeting_of,
+    repeated,
+    triangles_around,
+)
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
 from jaxfem.pytrees import on_device
@@ -108,10 +115,10 @@ def points_on_shape(meeting: Meeting) -> Iterator[Candidates]:
 
 
 def corners_on_surface(meeting: Meeting) -> Iterator[CornerContacts]:
-    """Sharp points of a rigid b, or of ground that is a solid, against the surface of a soft a, where a's points are
-    not chosen."""
+    """Sharp points of a rigid b, or of ground that is a convex solid, against the surface of a soft a, where a's points
+    are not chosen."""
     shape, number = meeting.opposite
-    if meeting.a.kind != "soft" or shape is None or meeting.chosen or not shape.is_solid():
+    if meeting.a.kind != "soft" or shape is None or meeting.chosen or not bounds_at_corners(shape, number is None):
         return
     places, radius = shape.features()
     places = places[radius == 0]

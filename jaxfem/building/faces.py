@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.building.meetings import Meeting, repeated, triangles_around
+from jaxfem.building.meetings import Meeting, bounds_at_corners, repeated, triangles_around
 from jaxfem.declared.errors import AccuracyWarning
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
@@ -68,12 +68,12 @@ def _wanted(meeting: Meeting, shape: Shape, triangles: np.ndarray) -> bool:
 
 def _other_points(shape: Shape, ground: bool) -> np.ndarray:
     """Points (k, 3) of a shape that may sink into a face: some of each rim, and the sharp ones of ground that is no
-    solid; those of solids do so everywhere."""
+    convex solid; those of others do so everywhere."""
     turn = np.arange(AROUND_RIM) * (2 * np.pi / AROUND_RIM)
     rims = shape.circles()
     around = rims[:, :1] + np.cos(turn)[:, None] * rims[:, 1:2] + np.sin(turn)[:, None] * rims[:, 2:]
     found = [around.reshape(-1, 3)]
-    if ground and shape.has_points() and not shape.is_solid():
+    if ground and shape.has_points() and not bounds_at_corners(shape, ground):
         places, radius = shape.features()
         found.append(places[radius == 0])
     return np.concatenate(found)

@@ -113,6 +113,11 @@ class Meeting(NamedTuple):
         return nodes
 
 
+def bounds_at_corners(shape: Shape, ground: bool) -> bool:
+    """Whether a shape ends, at its sharp points, away from its middle: solids do, but ground may be an open surface."""
+    return shape.is_solid() and (shape.convex or not ground)
+
+
 def triangles_around(points: Any, surface: np.ndarray) -> np.ndarray | None:
     """Triangles (m, f, 3) of a `surface` (t, 3) that hold all nodes of each of the points (m), which lie on it; padded
     with a triangle that has no area. None where they are not nodes of it, or of its edges."""

@@ -73,6 +73,16 @@ def test_a_rigid_box_lies_level_on_a_soft_cube_of_its_own_outline():
     np.testing.assert_allclose(np.asarray(states.positions[-1])[face, 2], under, atol=2e-4 * SIDE)
 
 
+def test_a_soft_cube_stands_on_an_open_surface_that_is_ground():
+    """It has no middle that its corners would end away from."""
+    places = np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]) * SIDE
+    soft = cube(0.0, "cube")
+    ground = jf.TriangleMesh(places, [[0, 1, 2], [0, 2, 3]])
+    _, states, _ = settled([soft], [jf.Contact(soft, ground)])
+    base = np.isclose(soft.mesh.points[:, 2], 0)
+    assert np.abs(np.asarray(states.positions[-1])[base, 2]).max() < 1e-5 * SIDE
+
+
 def test_what_is_far_beyond_an_edge_hangs_free():
     soft = jf.SoftBody(jf.mesh.box((SIDE,) * 3, 2, tets_per_cell=5), YOUNG, 0.3, DENSITY, name="cube")
     box = jf.RigidBody(jf.Box((SIDE, SIDE, SIDE)), mass=1.0, position=(0.8 * SIDE, SIDE / 2, -SIDE / 2), fixed=True)
