@@ -35,6 +35,7 @@ do corners where a point a little further inside of their own body is inside the
 ASIDE, BESIDE = 0.01, 0.06
 """Of the way from a corner to its body's centre, and of the size of the surface around a soft body's node: how far
 further inside of that body the other's normal is taken as well."""
+LEVEL = 1e-4  # of that way: by how much it may be off by rounding
 LEAN, LEANING = 0.05, (0.31, 0.52, 0.79)
 """Of the margin: how far bodies in one place are taken for apart, and in which direction, to tell where they part."""
 SAID_AGAIN = 1e-3  # of what a unit impulse moves a row's soft nodes by: how far rows give that others nearly say too
@@ -162,7 +163,9 @@ class ShapeContacts(Candidates):
         gap, normal = self._distance(placed.position, at)
         if self.around is not None:
             inside = jax.lax.stop_gradient(_further_inside(at.nodes, self.around))
-            gap, normal, _ = self._at_edges(gap, normal, placed.position, inside, at)
+            face, leaning, _ = self._at_edges(gap, normal, placed.position, inside, at)
+            over = face <= gap + LEVEL * jnp.linalg.norm(inside, axis=-1)  # in a hollow the other face is further off
+            gap, normal = jnp.where(over, face, gap), jnp.where(over[:, None], leaning, normal)
         elif isinstance(self.points, RigidPoint) and self.body is not None:
             gap, normal = self._of_corners(gap, normal, placed.position, self.points, at)
         gap = gap - self.radius

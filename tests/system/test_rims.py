@@ -83,6 +83,15 @@ def test_a_soft_cube_stands_on_an_open_surface_that_is_ground():
     assert np.abs(np.asarray(states.positions[-1])[base, 2]).max() < 1e-5 * SIDE
 
 
+def test_a_soft_cube_stands_in_a_hollow_corner():
+    """Floor and two walls of one surface: a node near two faces is held by the one that it is in, or nearer to."""
+    places = np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0], [0, 0, 1], [1, 0, 1], [0, 1, 1]], float)
+    faces = [[0, 1, 2], [0, 2, 3], [0, 4, 5], [0, 5, 1], [0, 3, 6], [0, 6, 4]]
+    soft = jf.SoftBody(jf.mesh.box((SIDE,) * 3, 2, tets_per_cell=5), YOUNG, 0.3, DENSITY, damping=5e-3, name="cube")
+    _, states, _ = settled([soft], [jf.Contact(soft, jf.TriangleMesh(places, faces), friction=0.3)])
+    assert float(states.positions[-1].min()) > -1e-4 * SIDE
+
+
 def test_what_is_far_beyond_an_edge_hangs_free():
     soft = jf.SoftBody(jf.mesh.box((SIDE,) * 3, 2, tets_per_cell=5), YOUNG, 0.3, DENSITY, name="cube")
     box = jf.RigidBody(jf.Box((SIDE, SIDE, SIDE)), mass=1.0, position=(0.8 * SIDE, SIDE / 2, -SIDE / 2), fixed=True)
