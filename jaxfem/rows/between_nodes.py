@@ -10,8 +10,10 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint
 from jaxfem.rows.contact import SAID_AGAIN, Pairs
+from jaxfem.rows.patches import PAST
 from jaxfem.rows.surfaces import SurfaceContacts
 from jaxfem.tensors import contract
 
@@ -48,7 +50,9 @@ class BetweenNodes(SurfaceContacts):
         """Gap (m,) of the edges' first or second node."""
         nodes = fixed.points.nodes[:, k : k + 1]
         ends = SoftPoint(nodes, jnp.ones(nodes.shape, fixed.margin.dtype))
-        alone = SurfaceContacts(ends, fixed.triangles, fixed.margin, fixed.rough, around=fixed.around)
+        alone = SurfaceContacts(
+            ends, fixed.triangles, fixed.margin, fixed.rough, around=fixed.around, beyond=fixed.beyond
+        )
         return alone.pairs(at).gap
 
 
@@ -56,6 +60,7 @@ class PatchEdges(BetweenNodes):
     """The same of two patches of one body, `deep` (m,) [m] behind which points are elsewhere, as in `PatchContacts`."""
 
     deep: Any = dataclasses.field(default=None, kw_only=True)
+    beyond: float = static(default=PAST, kw_only=True)
 
     @property
     def kind(self) -> str:

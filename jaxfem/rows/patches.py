@@ -5,12 +5,15 @@ from typing import Any
 
 import jax.numpy as jnp
 
+from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.contact import SAID_AGAIN, Pairs
 from jaxfem.rows.surfaces import SurfaceContacts
 
 SUNK = 0.25
 """Of the depth behind which nodes are elsewhere: those between the two are coming through."""
+PAST = 0.1
+"""Of a triangle's size: a patch ends where the user ended it, or where coarse arms are one triangle wide."""
 
 
 class PatchContacts(SurfaceContacts):
@@ -18,6 +21,7 @@ class PatchContacts(SurfaceContacts):
     elsewhere: on the far side of what the patch bounds."""
 
     deep: Any = dataclasses.field(default=None, kw_only=True)
+    beyond: float = static(default=PAST, kw_only=True)
 
     @property
     def kind(self) -> str:

@@ -9,8 +9,8 @@ from typing import Any
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint, difference
-from jaxfem.rows.contact import Candidates, Pairs
-from jaxfem.rows.triangles import areas_around, gap_from, nearest_triangle
+from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
+from jaxfem.rows.triangles import ASIDE, areas_around, gap_from, nearest_triangle
 
 
 class SurfaceContacts(Candidates):
@@ -26,16 +26,23 @@ class SurfaceContacts(Candidates):
     margin: Any
     rough: bool = static()
     around: Any = dataclasses.field(default=None, kw_only=True)
+    beyond: float = static(default=ASIDE, kw_only=True)
+    """Share of a triangle's size by which a point may be beyond the surface's edge and still be carried."""
 
     @property
     def kind(self) -> str:
         """Words for the kinds of partners."""
         return f"{self.points.kind}-soft {self.triangles.shape[1]}"
 
+    @property
+    def give(self) -> float:
+        """Nodes of two soft bodies meet each other's triangles: hardly aside of each other, they say the same twice."""
+        return 0.0 if self.around is None else SAID_AGAIN
+
     def pairs(self, at: Configuration) -> Pairs:
         """The other side is a point of the triangle: the mean of its corners with barycentric weights."""
         placed = self.points.placed(at)
         outward = None if self.around is None else areas_around(at.nodes, self.around)
         chosen, weights, normal = nearest_triangle(placed.position, at.nodes, self.triangles, outward)
-        gap, normal = gap_from(placed.position, weights, normal, at.nodes[chosen])
+        gap, normal = gap_from(placed.position, weights, normal, at.nodes[chosen], self.beyond)
         return Pairs(gap, normal, difference(SoftPoint(chosen, weights).placed(at), placed))

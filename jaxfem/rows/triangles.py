@@ -43,30 +43,31 @@ TIE = 8.0
 ALIKE = 0.7
 """Cosine between normals of triangles of one face: those around its rim do not count."""
 
-ASIDE = 0.1
+ASIDE = 0.02
 """Share of a triangle's size from which a point beyond its edge is no longer over it."""
 
 
-def gap_from(points: Array, weights: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
+def gap_from(points: Array, weights: Array, normal: Array, corners: Array, share: float = ASIDE) -> tuple[Array, Array]:
     """Gap (m,) and normal (m, 3) of points (m, 3) from places on triangles: `weights` (m, 3) of `corners` (m, 3, 3).
 
     Along the triangle's normal; far aside of it, beyond an edge of the surface, along the way from the edge: what hangs
-    over is not carried. Near the edge the triangle goes on: two faces laid edge on edge would else lose their hold.
+    over is not carried. Near the edge, up to a `share` of its size, the triangle goes on: two faces laid edge on edge
+    would else lose their hold.
     """
     # Of ways from the corners, which are short: places are rounded by their distance from the origin.
     way = jnp.sum(weights[:, :, None] * (points[:, None] - corners), 1)
     height, square = jnp.sum(way * normal, -1), jnp.sum(way**2, -1)
-    beyond, _ = aside(way, normal, corners)
+    beyond, _ = aside(way, normal, corners, share)
     length = jnp.sqrt(jnp.where(beyond, square, 1))
     length = jnp.where(height < -0.5 * length, -length, length)  # beneath a concave edge
     return jnp.where(beyond, length, height), jnp.where(beyond[:, None], way / length[:, None], normal)
 
 
-def aside(way: Array, normal: Array, corners: Array) -> tuple[Array, Array]:
+def aside(way: Array, normal: Array, corners: Array, share: float = ASIDE) -> tuple[Array, Array]:
     """Whether points a `way` (m, 3) from the feet on their triangles are no longer over them, and twice the triangles'
     areas, (m,) each."""
     area = jnp.linalg.norm(jnp.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]), axis=-1)
-    return jnp.sum(way**2, -1) - jnp.sum(way * normal, -1) ** 2 > ASIDE**2 * area, area
+    return jnp.sum(way**2, -1) - jnp.sum(way * normal, -1) ** 2 > share**2 * area, area
 
 
 def _tied(squares: Array, corners: Array) -> Array:
