@@ -135,3 +135,10 @@ def write_recording(path: Any, recording: Recording, digits: int = 9) -> None:
         for time, row in zip(recording.times, recording.positions, strict=True):
             cells = ["" if np.isnan(value) else f"{value:.{digits}g}" for value in row.ravel()]
             writer.writerow([f"{time:.{digits}g}", *cells])
+
+
+def rows_in_words(flags: np.ndarray, recording: Recording) -> str:
+    """ "3 samples from 0.1 s on"."""
+    first = recording.times[int(np.argmax(flags))]
+    count = int(flags.sum())
+    return f"{count} sample{'s' if count > 1 else ''} from {first:g} s on"

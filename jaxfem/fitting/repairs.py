@@ -9,8 +9,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from jaxfem.fitting.clipped import ends_of_range
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.recording import Recording, rows_in_words
 
 ABSURD = 1e5  # m: no marker stands there
 BEYOND_DIGITS = 4.0  # times the smallest change of a coordinate: what is larger is no digit that changed
@@ -32,6 +33,7 @@ def repaired(recording: Recording) -> Recording:
     for m, name in enumerate(recording.names):
         notes += [f"{name}: {text}" for text in _lost_codes(positions[:, m], recording, flat)]
     notes += _frozen(positions, recording)
+    notes += ends_of_range(positions, recording)
     notes += _exchanged(positions, recording)
     moving = _steps(positions)
     for m, name in enumerate(recording.names):
@@ -68,7 +70,7 @@ def _lost_codes(places: np.ndarray, recording: Recording, flat: bool) -> Iterato
     if lost.any():
         code = places[np.argmax(lost)].max()
         places[lost] = np.nan
-        yield f"{_rows(lost, recording)}: {code:g} stands for a lost sample, so they are missing"
+        yield f"{rows_in_words(lost, recording)}: {code:g} stands for a lost sample, so they are missing"
 
 
 def _off_the_line(known: np.ndarray, alike: np.ndarray, good: np.ndarray) -> np.ndarray:
@@ -106,7 +108,8 @@ def _frozen(positions: np.ndarray, recording: Recording) -> Iterator[str]:
             lost[start:end] = True
     if lost.any():
         positions[lost] = np.nan
-        yield f"{_rows(lost, recording)} of all markers repeat the row before while they move, so they are missing"
+        rows = rows_in_words(lost, recording)
+        yield f"{rows} of all markers repeat the row before while they move, so they are missing"
 
 
 def _exchanged(positions: np.ndarray, recording: Recording) -> Iterator[str]:
@@ -127,7 +130,7 @@ def _exchanged(positions: np.ndarray, recording: Recording) -> Iterator[str]:
             turned = np.cumsum(np.isin(np.arange(len(positions)), flips)) % 2 == 1
             positions[turned, a], positions[turned, b] = positions[turned, b], positions[turned, a]
             names = f"{recording.names[a]} and {recording.names[b]}"
-            yield f"{names}: {_rows(turned, recording)}: their names were exchanged, and are put right"
+            yield f"{names}: {rows_in_words(turned, recording)}: their names were exchanged, and are put right"
 
 
 def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iterator[str]:
@@ -148,7 +151,7 @@ def _stuck(places: np.ndarray, others: np.ndarray, recording: Recording) -> Iter
             lost[start:end] = (others[start - 1 : end] > 0).any(axis=1).all()
     if lost.any():
         places[lost] = np.nan
-        yield f"{_rows(lost, recording)}: stands at its last place while others move, so they are missing"
+        yield f"{rows_in_words(lost, recording)}: stands at its last place while others move, so they are missing"
 
 
 def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
@@ -177,7 +180,7 @@ def _outliers(positions: np.ndarray, recording: Recording) -> Iterator[str]:
             )
         if lost.any():
             places[lost] = np.nan
-            yield f"{name}: {_rows(lost, recording)}: far off what comes before and after, so missing"
+            yield f"{name}: {rows_in_words(lost, recording)}: far off what comes before and after, so missing"
         if slipped is not None:
             slips[m] = slipped
     for m, row in slips.items():
@@ -282,10 +285,3 @@ def _away(places: np.ndarray, times: np.ndarray) -> np.ndarray:
 def _runs(flags: np.ndarray) -> list[tuple[int, int]]:
     edges = np.flatnonzero(np.diff(np.concatenate([[0], flags.astype(int), [0]])))
     return list(zip(edges[::2].tolist(), edges[1::2].tolist(), strict=True))
-
-
-def _rows(flags: np.ndarray, recording: Recording) -> str:
-    """ "3 samples from 0.1 s on"."""
-    first = recording.times[int(np.argmax(flags))]
-    count = int(flags.sum())
-    return f"{count} sample{'s' if count > 1 else ''} from {first:g} s on"
