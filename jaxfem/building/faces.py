@@ -124,12 +124,10 @@ def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
     a, b, wanted = meeting.a, meeting.b, meeting.contact.faces
     if b is None or {a.kind, b.kind} != {"soft"}:
         return
-    if a == b and wanted:
-        patches = meeting.patches()
-        for (_, triangles), (_, own) in zip(patches, patches[::-1], strict=True):
-            found = _between_nodes(meeting, own, np.inf)
-            yield PatchEdges(**_against(meeting, found, triangles), deep=np.full(len(found.nodes), 2 * meeting.margin))
-    if a == b or meeting.chosen or wanted is False:
+    if a == b:
+        yield from _between_patches(meeting)
+        return
+    if meeting.chosen or wanted is False:
         return
     for one, other in ((a, b), (b, a)):
         thickness = _thickness(meeting.bodies.soft[other.number].mesh.points)
@@ -139,14 +137,33 @@ def edges_on_surfaces(meeting: Meeting) -> Iterator[BetweenNodes]:
             around = triangles_around(found, triangles)
             yield BetweenNodes(**_against(meeting, found, meeting.surface(other)), around=around)
         elif (widest := _edges(meeting, triangles)[1].max()) > thickness:
-            warnings.warn(
-                f"{meeting.where}: nodes of one body are up to {widest:.3g} m apart and the other is {thickness:.3g} m "
-                "thin, so edges may pass through each other between nodes: refine the mesh, or say faces=True, which "
-                "takes longer (faces=False where that does not matter)",
-                AccuracyWarning,
-                stacklevel=5,
-            )
+            _warn_of_edges(meeting, "body", widest, f"{thickness:.3g} m thin")
             return
+
+
+def _between_patches(meeting: Meeting) -> Iterator[PatchEdges]:
+    """The same of two patches of one body."""
+    wanted, patches = meeting.contact.faces, meeting.patches()
+    places = np.concatenate([body.mesh.points for body in meeting.bodies.soft])
+    for (_, triangles), (_, own) in zip(patches, patches[::-1], strict=True):
+        if wanted:
+            found = _between_nodes(meeting, own, np.inf)
+            yield PatchEdges(**_against(meeting, found, triangles), deep=np.full(len(found.nodes), 2 * meeting.margin))
+            continue
+        width, widest = _width(places[np.unique(triangles)]), _edges(meeting, own)[1].max()
+        if wanted is None and widest > width:
+            _warn_of_edges(meeting, "patch", widest, f"{width:.3g} m wide", above=8)
+            return
+
+
+def _warn_of_edges(meeting: Meeting, what: str, widest: float, other: str, above: int = 7) -> None:
+    warnings.warn(
+        f"{meeting.where}: nodes of one {what} are up to {widest:.3g} m apart and the other is {other}, so edges may "
+        "pass through each other between nodes: refine the mesh, or say faces=True, which takes longer (faces=False "
+        "where that does not matter)",
+        AccuracyWarning,
+        stacklevel=above,
+    )
 
 
 def _against(meeting: Meeting, points: SoftPoint, triangles: np.ndarray) -> dict[str, Any]:
@@ -177,3 +194,9 @@ def _thickness(points: np.ndarray) -> float:
     """The least extent [m] of a body, along the axes or along its own."""
     own = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
     return float(min(np.ptp(points, axis=0).min(), np.ptp(points @ own.T, axis=0).min()))
+
+
+def _width(points: np.ndarray) -> float:
+    """The middle one of a patch's extents [m]: how wide a strip is."""
+    own = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
+    return float(np.sort(np.ptp(points @ own.T, axis=0))[1])

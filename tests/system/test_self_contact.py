@@ -1,5 +1,7 @@
 """A soft body that touches itself: two patches of its surface, declared."""
 
+import warnings
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -131,3 +133,16 @@ def test_patches_that_are_none_are_refused(more, text):
     other = jf.SoftBody(jf.mesh.box((1, 1, 1), 1, origin=(0, 0, 2)), 1e5, 0.3, 1e3)
     with pytest.raises(jf.SceneError, match="for a body that touches itself"):
         jf.build(jf.Scene([body, other], contacts=[jf.Contact(body, other, nodes="z+", against="x+")]))
+
+
+@pytest.mark.parametrize(("cells", "faces", "warns"), [(1, None, True), (1, False, False), (3, None, False)])
+def test_patches_that_are_narrow_for_their_nodes_are_told(cells, faces, warns):
+    mesh = jf.mesh.box((0.3, 0.1, 0.1), (3 * cells, cells, cells))
+    body = jf.SoftBody(mesh, 2e4, 0.3, 1000.0)
+    contact = jf.Contact(body, body, nodes="z+", against="z-", faces=faces)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        jf.build(jf.Scene([body], contacts=[contact]))
+    told = [each for each in caught if "nodes of one patch are up to 0.141 m apart" in str(each.message)]
+    assert bool(told) == warns
+    assert all(each.filename == __file__ for each in told)
