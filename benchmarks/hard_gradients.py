@@ -73,7 +73,7 @@ def measured(problem: Problem) -> dict[str, Any]:
 
     def both(x: Any) -> tuple[Any, Any]:
         value, push = jax.linearize(lambda x: problem.function(x)[0], x)
-        return push(jnp.ones(())), jax.linear_transpose(push, x)(jnp.ones_like(value))[0]
+        return push(jnp.ones(())), jax.linear_transpose(lambda step: push(step), x)(jnp.ones_like(value))[0]
 
     forward, backward = map(float, jax.jit(both)(jnp.asarray(at)))
     known = differences(lambda x: float(run(x)[0]), at, problem.scale or abs(at))

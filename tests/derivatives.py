@@ -16,7 +16,10 @@ class Parted:
         self._has_aux = has_aux
         self._run = jax.jit(lambda *values: jax.linearize(function, *values, has_aux=has_aux))
         self._forwards = jax.jit(lambda push, direction: push(*direction))
-        self._backwards = jax.jit(lambda push, values, weight: jax.linear_transpose(push, *values)(weight))
+        # In a function of its own: JAX names what it transposes by its text, which is the whole program's.
+        self._backwards = jax.jit(
+            lambda push, values, weight: jax.linear_transpose(lambda *steps: push(*steps), *values)(weight)
+        )
 
     def __call__(self, *values):
         """What the function gives."""

@@ -76,7 +76,7 @@ def test_derivatives_through_implicit_rotations():
         jax.vmap(lambda z, positions: jax.linearize(lambda z: loss(z, positions), z, has_aux=True), (None, 0))
     )
     forwards = jax.jit(jax.vmap(lambda push, direction: push(direction), (0, None)))
-    backwards = jax.jit(jax.vmap(lambda push: jax.linear_transpose(push, z)(jnp.ones(()))[0]))
+    backwards = jax.jit(jax.vmap(lambda push: jax.linear_transpose(lambda step: push(step), z)(jnp.ones(()))[0]))
     inside_out = state.positions.at[-1].add(jnp.array([-0.12, 0.0, 0.0]))
     starts, h = jnp.stack([state.positions, inside_out]), 1e-5
     _, push, status = run(z, starts)
