@@ -11,6 +11,7 @@ from collections.abc import Sequence
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.fitting.clipped import end_faults
 from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_words
 from jaxfem.fitting.course_checks import course_faults, rigid_faults
 from jaxfem.fitting.direction_checks import direction_faults
@@ -89,6 +90,8 @@ def looked_through(
     if rows.sum() < 2:
         return [], []
     part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
+    if not (model.contacts or model.joints) and (faults := end_faults(part)):
+        return faults, []
     if not is_held(model):
         faults = rigid_faults(part, carried(markers))
         return [*faults, *bounce_faults(part, alone(model, params, frame))], []

@@ -33,14 +33,14 @@ def repaired(recording: Recording) -> Recording:
     for m, name in enumerate(recording.names):
         notes += [f"{name}: {text}" for text in _lost_codes(positions[:, m], recording, flat)]
     notes += _frozen(positions, recording)
-    notes += ends_of_range(positions, recording)
     notes += _exchanged(positions, recording)
     moving = _steps(positions)
     for m, name in enumerate(recording.names):
         others = np.delete(moving, m, axis=1)
         notes += [f"{name}: {text}" for text in _stuck(positions[:, m], others, recording)]
     notes += _outliers(positions, recording)
-    return dataclasses.replace(recording, positions=positions, notes=tuple(notes))
+    found = dataclasses.replace(recording, positions=positions)
+    return dataclasses.replace(found, notes=(*notes, *ends_of_range(found)))
 
 
 def first_places(recording: Recording) -> np.ndarray:
