@@ -192,11 +192,15 @@ def _edges(meeting: Meeting, triangles: np.ndarray) -> tuple[np.ndarray, np.ndar
 
 def _thickness(points: np.ndarray) -> float:
     """The least extent [m] of a body, along the axes or along its own."""
-    own = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
-    return float(min(np.ptp(points, axis=0).min(), np.ptp(points @ own.T, axis=0).min()))
+    return float(min(np.ptp(points, axis=0).min(), _extents(points).min()))
 
 
 def _width(points: np.ndarray) -> float:
     """The middle one of a patch's extents [m]: how wide a strip is."""
+    return float(np.sort(_extents(points))[1])
+
+
+def _extents(points: np.ndarray) -> np.ndarray:
+    """Of points along their own axes, (3,) [m]."""
     own = np.linalg.svd(points - points.mean(0), full_matrices=False)[2]
-    return float(np.sort(np.ptp(points @ own.T, axis=0))[1])
+    return np.asarray(np.ptp(points @ own.T, axis=0))

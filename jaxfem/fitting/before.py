@@ -90,11 +90,11 @@ def looked_through(
     if rows.sum() < 2:
         return [], []
     part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
-    if not (model.contacts or model.joints) and (faults := end_faults(part)):
-        return faults, []
     if not is_held(model):
         faults = rigid_faults(part, carried(markers))
         return [*faults, *bounce_faults(part, alone(model, params, frame))], []
+    if faults := end_faults(part):
+        return faults, []
     held = np.asarray(model.rest)[np.asarray(model.free) == 0]
     return course_faults(part, nominal, held.mean(axis=0), not model.has_memory)
 
