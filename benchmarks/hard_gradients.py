@@ -12,17 +12,15 @@ Results: hard_gradients.json; the table is in docs/derivatives.md.
 import argparse
 import itertools
 import json
-import os
 import pathlib
 import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from jaxfem.cli.xla_flags import known
+from jaxfem.cli.xla_flags import NO_OPTIMISATION, OLDER_EMITTER, ask_for
 
 # Programs this small need no fast code: they compile in a third of the time.
-QUICK = ["--xla_backend_optimization_level=0", "--xla_cpu_use_fusion_emitters=false"]
-os.environ.setdefault("XLA_FLAGS", " ".join(known(QUICK)))
+ask_for(NO_OPTIMISATION, OLDER_EMITTER)
 
 import jax  # noqa: E402
 

@@ -15,24 +15,18 @@ import jax
 
 from jaxfem.cli.programs import OFF, trim
 from jaxfem.cli.threads import one_blas_thread
-from jaxfem.cli.xla_flags import known
+from jaxfem.cli.xla_flags import NO_OPTIMISATION, OLDER_EMITTER, ask_for
 
 LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
 MOST_MEMORY = 5e9  # bytes a process
 # Together a quarter of the time that the defaults take; the programs are slower, which small scenes hardly show.
 # Parts that threads compile at once take a fifth more of all processors' time, and each has a worker of its own.
-QUICK_COMPILE = {
-    "xla_backend_optimization_level": "0",
-    "xla_cpu_use_fusion_emitters": "false",
-    "xla_cpu_parallel_codegen_split_count": "1",
-}
+QUICK_COMPILE = NO_OPTIMISATION, OLDER_EMITTER, "--xla_cpu_parallel_codegen_split_count=1"
 
 
 def compile_quickly(environment: MutableMapping[str, str] = os.environ) -> None:
     """Have XLA compile quickly, here and in processes that are started from here, unless XLA_FLAGS says how."""
-    given = environment.get("XLA_FLAGS", "")
-    wanted = [f"--{name}={value}" for name, value in QUICK_COMPILE.items() if name not in given]
-    environment["XLA_FLAGS"] = " ".join([given, *known(wanted)]).strip()
+    ask_for(*QUICK_COMPILE, environment=environment)
     one_blas_thread(environment)  # workers have no core to spare for threads that wait
 
 

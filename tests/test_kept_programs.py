@@ -7,7 +7,7 @@ import sys
 import programs
 
 from jaxfem.cli.threads import one_blas_thread
-from jaxfem.cli.xla_flags import known
+from jaxfem.cli.xla_flags import NO_OPTIMISATION, OLDER_EMITTER, ask_for, known
 
 
 def test_memory_is_counted_in_bytes_and_shared_between_workers(monkeypatch):
@@ -27,6 +27,15 @@ def test_programs_are_compiled_quickly_unless_the_environment_says_how():
     given = {"OPENBLAS_NUM_THREADS": "4"}
     one_blas_thread(given)
     assert given == {"OPENBLAS_NUM_THREADS": "4"}  # who says how many gets them
+
+
+def test_what_the_user_says_of_a_flag_stays():
+    given = {"XLA_FLAGS": "--xla_cpu_use_fusion_emitters=true"}
+    ask_for(OLDER_EMITTER, environment=given)
+    assert given == {"XLA_FLAGS": "--xla_cpu_use_fusion_emitters=true"}
+    empty: dict[str, str] = {}
+    ask_for(NO_OPTIMISATION, environment=empty)
+    assert empty == {"XLA_FLAGS": NO_OPTIMISATION}
 
 
 def test_flags_that_this_version_does_not_know_are_left_out(tmp_path):

@@ -63,7 +63,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument("--out", metavar="FOLDER", default="demo", help="where everything goes (default: demo)")
     parser.add_argument("--seed", type=int, default=0, help="of the noise in the recording")
     parser.add_argument("--force", action="store_true", help="replace files that were edited since the demo wrote them")
-    parser.set_defaults(run=run, cells=(6, 2, 2), steps=STEPS)
+    parser.set_defaults(run=run, cells=(6, 2, 2), steps=STEPS, quick=True)
 
 
 def run(args: argparse.Namespace) -> int:

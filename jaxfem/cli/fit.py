@@ -71,7 +71,7 @@ def add(subparsers: Any) -> None:
         help="draw from the parameters' posterior, DRAWS (500) in each of four chains (needs jaxfem[posterior])",
     )
     parser.add_argument("--force", action="store_true", help="replace the results of an earlier fit")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, quick=True)
 
 
 def run(args: argparse.Namespace) -> int:

@@ -1,8 +1,8 @@
 """The `jaxfem` command. Each subcommand is a module with `add(subparsers)` and `run(args) -> exit code`.
 
 `add` makes the subcommand's parser and ends with `parser.set_defaults(run=run)`, with `kept=False` where what earlier
-runs have compiled must not be used. Exit codes: 0 done, 2 a mistake in the input, 3 a computation that failed, 130
-interrupted.
+runs have compiled must not be used, `quick=True` where compiling takes more time than what is compiled. Exit codes: 0
+done, 2 a mistake in the input, 3 a computation that failed, 130 interrupted.
 """
 
 import argparse
@@ -32,6 +32,7 @@ from jaxfem.cli import (
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
 from jaxfem.cli.threads import one_blas_thread
+from jaxfem.cli.xla_flags import OLDER_EMITTER, ask_for
 from jaxfem.io.live import LiveError
 from jaxfem.io.plots import PlotError
 from jaxfem.io.scene_files import SceneFileError
@@ -80,6 +81,8 @@ def main(argv: Sequence[str] | None = None) -> int:
     args = parser().parse_args(words)
     if argv is None:
         one_blas_thread()
+        if args.quick:
+            ask_for(OLDER_EMITTER)
         keep_programs(args.kept and not given["--no-cache"])
     with warnings.catch_warnings():
         for own in OWN_WARNINGS:
@@ -153,7 +156,7 @@ def parser() -> argparse.ArgumentParser:
     made.add_argument(
         "--import", metavar="MODULE", help="a module or FILE.py of your own, run first: laws, joints, shapes it defines"
     )
-    made.set_defaults(kept=True)
+    made.set_defaults(kept=True, quick=False)
     subparsers = made.add_subparsers(title="commands", metavar="COMMAND", required=True)
     for command in COMMANDS:
         command.add(subparsers)

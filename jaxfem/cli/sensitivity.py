@@ -21,7 +21,7 @@ def add(subparsers: Any) -> None:
     parser.add_argument("file", metavar="FIT.toml", help="the fit: scene, recording, markers, what to fit")
     parser.add_argument("--recording", metavar="CSV", help="the recording, instead of the one in the file")
     parser.add_argument("--sigma", type=float, default=1e-4, metavar="M", help="scatter of the samples, m (1e-4)")
-    parser.set_defaults(run=run)
+    parser.set_defaults(run=run, quick=True)
 
 
 def run(args: argparse.Namespace) -> int:

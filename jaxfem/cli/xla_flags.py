@@ -1,10 +1,27 @@
 """Which of some flags this XLA knows: it ends the process at one that it does not, and versions drop some."""
 
 import mmap
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, MutableMapping
 from pathlib import Path
 
 import jaxlib
+
+OLDER_EMITTER = "--xla_cpu_use_fusion_emitters=false"
+"""The older of the two emitters of loops on a CPU: half the memory and three quarters of the time to compile, for steps
+of about the same speed."""
+NO_OPTIMISATION = "--xla_backend_optimization_level=0"
+"""Where programs are so small that slow ones do not matter: a quarter of the time to compile, with the former."""
+
+
+def ask_for(*flags: str, environment: MutableMapping[str, str] = os.environ) -> None:
+    """Add to XLA_FLAGS those of the flags that this XLA knows and the user does not name.
+
+    To be called before JAX compiles anything.
+    """
+    given = environment.get("XLA_FLAGS", "")
+    wanted = known(flag for flag in flags if _name(flag).decode().strip("\0") not in given)
+    environment["XLA_FLAGS"] = " ".join([given, *wanted]).strip()
 
 
 def known(flags: Iterable[str], libraries: Path | None = None) -> list[str]:

@@ -21,6 +21,14 @@ FINER = 0.01
 """Share of the gain to stop at, where derivatives were only corrected: what they promise is less sure, and cheap."""
 FORETOLD = 0.3
 """Share of a step's change that may be other than foretold, for the derivatives to serve another step."""
+SPENT = 0.01
+"""Share of what derivatives promised where they were made, below which corrected ones know no more: a correction tells
+how residuals change along the steps alone, and where the model leaves something out the last of the way is another."""
+NEARLY = 1e-3
+"""Share of the loss that made derivatives promise, below which a step is as good as taken: its end is asked for with
+derivatives at once."""
+SHORTER = 0.5
+"""Length of the next step that is tried, at most, as a share of one that led up."""
 
 
 class Ask(NamedTuple):
@@ -136,7 +144,7 @@ def _climb(
     """The steps, as what they ask for: (z, loss) at the end."""
     chosen = np.ones(z.size, bool) if chosen is None else chosen
     low, high = goal.evaluator.unknowns.box
-    damping, at, last = 1e-3, goal.evaluator.near, goal.evaluator.last
+    damping, promised, at, last = 1e-3, 0.0, goal.evaluator.near, goal.evaluator.last
     made_here = last is not None and np.array_equal(last[0], z)  # asked for again they cost nothing
     if at is None or made_here or not np.array_equal(at.z, z):
         at = yield from _made(z)
@@ -146,23 +154,30 @@ def _climb(
             return at.z, loss
         free = chosen & ~((at.z <= low) & (gradient > 0)) & ~((at.z >= high) & (gradient < 0))
         certain = at.made or not sure
-        least = tol if certain else FINER * tol
-        if not free.any() or loss < 1e-24 or goal.gain(loss, normal, gradient, free) < least:
+        promise = goal.gain(loss, normal, gradient, free) if free.any() and loss >= 1e-24 else 0.0
+        promised = promise if at.made else promised
+        least = tol if certain else max(FINER * tol, SPENT * promised)
+        if promise <= least:
             if certain:
                 break
             at = yield from _made(at.z)
             continue
+        ask = Ask(at.z, sure and at.made and promise < NEARLY)
         tries = TRIES if at.made else 1
-        trial, new, gain, damping = yield from _better(goal, at.z, loss, normal, gradient, free, damping, tries)
-        if trial is None:
+        there, told, gain, damping = yield from _better(goal, ask, loss, normal, gradient, free, damping, tries)
+        if there is None:
             if at.made:
                 break
             at = yield from _made(at.z)
             continue
-        small = gain < least or np.abs(trial - at.z).max() < 1e-8
-        foretold = goal.misses(trial - at.z, at.r, at.jacobian, new) < FORETOLD
+        step = there.z - at.z
+        small = gain < least or np.abs(step).max() < 1e-8
+        foretold = goal.misses(step, at.r, at.jacobian, told[0]) < FORETOLD
         serve = not goal.evaluator.whole and (foretold or (small and certain))  # those of the trial are there, else
-        at = at.stepped(trial, new) if serve else (yield from _made(trial))
+        if there.derivatives:
+            at = Near(there.z, told[0], told[1], True)
+        else:
+            at = at.stepped(there.z, told[0]) if serve else (yield from _made(there.z))
         if small and certain:
             break
     goal.evaluator.near = at
@@ -177,30 +192,45 @@ def _made(z: np.ndarray) -> Generator[Ask, Any, Near]:
 
 def _better(
     goal: Goal,
-    z: np.ndarray,
+    ask: Ask,
     loss: float,
     normal: np.ndarray,
     gradient: np.ndarray,
     free: np.ndarray,
     damping: float,
     tries: int,
-) -> Generator[Ask, Any, tuple[np.ndarray | None, Any, float, float]]:
-    """A point with less loss: (z or None, its residuals, share of the loss gained, next damping)."""
+) -> Generator[Ask, Any, tuple[Ask | None, Any, float, float]]:
+    """A point with less loss than `ask.z`, None where none is found; what is told of it, share of the loss gained, next
+    damping. Derivatives, where asked for, are made at the first that is tried."""
+    z = ask.z
     low, high = goal.evaluator.unknowns.box
-    for _ in range(tries):
+    longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
+
+    def step_of(damping: float) -> np.ndarray:
         step = np.zeros_like(z)
         step[free] = _damped_step(normal[np.ix_(free, free)], gradient[free], damping)
-        longest = np.array([each.transform.longest for each in goal.evaluator.unknowns.constants])
         shorter = min(1.0, 1 / max((np.abs(step) / longest).max(), 1e-300))  # all of it, to go where the model says
-        trial = np.clip(z + shorter * step, low, high)
-        r, *_ = yield Ask(trial, False)
-        new = goal.value(trial, r)
+        bounded = np.clip(z + shorter * step, low, high)
+        return np.asarray(bounded - z)
+
+    step = step_of(damping)
+    for _ in range(tries):
+        ask = ask._replace(z=z + step)
+        told = yield ask
+        new = goal.value(ask.z, told[0])
         if new < loss:
-            return trial, r, 1 - new / loss, max(damping / 10, 1e-12)
-        if np.abs(trial - z).max() < 1e-8:
+            return ask, told, 1 - new / loss, max(damping / 10, 1e-12)
+        if np.abs(step).max() < 1e-8:
             break
-        damping *= 10
+        ask, damping, tried = ask._replace(derivatives=False), 10 * damping, step
+        while _length(step := step_of(damping), normal) > SHORTER * _length(tried, normal):
+            damping *= 10
     return None, None, 0.0, damping
+
+
+def _length(step: np.ndarray, normal: np.ndarray) -> float:
+    """Of a step, unknowns measured by what they move."""
+    return float(np.sqrt(np.sum(np.diag(normal) * step**2)))
 
 
 def _damped_step(normal: np.ndarray, gradient: np.ndarray, damping: float) -> np.ndarray:

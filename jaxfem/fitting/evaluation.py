@@ -17,6 +17,7 @@ from jaxfem.solvers import Status
 Progress = Callable[[str, int, float, dict[str, float]], None]
 Arrays = list[np.ndarray]
 Linear = tuple[list[np.ndarray], list[np.ndarray], list[Outcome]]
+RECENT = 16  # points whose residuals are kept: stages of a search begin where others ended
 BROKEN = (Status.NOT_FINITE, Status.NOT_POSITIVE_DEFINITE, Status.INVALID_VALUE)
 
 
@@ -132,6 +133,7 @@ class Evaluator:
         self.last: tuple[np.ndarray, Linear] | None = None
         self.made = -1  # which visit made the last derivatives
         self.near: Near | None = None
+        self.recent: dict[bytes, tuple[Arrays, list[Outcome]]] = {}
 
     def take(self, engine: str, starts: int) -> str:
         """Have all pieces simulated by an engine, `starts` together at most; why by that."""
@@ -165,9 +167,10 @@ class Evaluator:
         return Evaluator(self.pieces, self.unknowns, None, self.priors, self.variance)
 
     def residual(self, z: np.ndarray) -> tuple[list[np.ndarray], list[Outcome]]:
-        """Residuals at z and the side results; infinite where a simulation left the finite numbers."""
-        if self.last is not None and np.array_equal(self.last[0], z):
-            return self.last[1][0], self.last[1][2]
+        """Residuals at z and the side results, those made before where they are kept; infinite where a simulation left
+        the finite numbers."""
+        if kept := self.recent.get(_key(z)):
+            return kept
         if self.whole:
             r, _, outcomes = self._linear(z, asked=False)
             return r, outcomes
@@ -235,7 +238,15 @@ class Evaluator:
         self.history.append(visit)
         if self.progress is not None:
             self.progress(visit.stage, visit.iteration, visit.loss, visit.values)
+        self.recent[_key(z)] = r, list(outcomes)
+        if len(self.recent) > RECENT:
+            del self.recent[next(iter(self.recent))]
         return r
+
+
+def _key(z: np.ndarray) -> bytes:
+    """What names a point: points that differ by rounding alone are one."""
+    return (np.round(np.asarray(z, np.float64), 12) + 0.0).tobytes()
 
 
 def _or_infinite(r: Any, outcome: Outcome) -> np.ndarray:
