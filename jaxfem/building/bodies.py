@@ -15,6 +15,7 @@ from jaxfem.rigid.slender import slender
 from jaxfem.rows.attachments import Frame, Point, RigidFrame, RigidPoint, SoftPoint, WorldFrame, WorldPoint
 
 OUTSIDE = 1e-6  # of a soft body's size: how far an anchor may lie off its mesh
+SAME = 1e-12  # of a moment of inertia: what shapes' own sums round to
 
 
 class BodyIndex:
@@ -96,6 +97,12 @@ def _matrices(turns: np.ndarray) -> np.ndarray:
     return matrices
 
 
+def _isotropic(inertias: np.ndarray) -> bool:
+    """Whether each of inertias (k, 3, 3) is the same about any axis."""
+    mean = np.trace(inertias, axis1=1, axis2=2)[:, None, None] / 3 * np.eye(3)
+    return bool(np.all(np.abs(inertias - mean) <= SAME * np.abs(mean).max(axis=(1, 2), keepdims=True)))
+
+
 def rigid_parts(
     bodies: Sequence[RigidBody], names: Sequence[str], index: BodyIndex, dtype: Any
 ) -> tuple[RigidSet, RigidParams, RigidState]:
@@ -117,6 +124,7 @@ def rigid_parts(
         driven=on_device(driven, jnp.int32),
         names=tuple(names),
         slender=slender(np.stack(inertias), ~np.array(still), dtype),
+        isotropic=_isotropic(np.stack(inertias)[[not body.fixed for body in bodies]]),
     )
     motions = tuple(
         jax.tree.map(real, bodies[i].motion, is_leaf=lambda v: isinstance(v, tuple | list | np.ndarray)) for i in driven

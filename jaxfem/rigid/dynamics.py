@@ -30,7 +30,8 @@ class RigidSet(Pytree):
     `inertia_per_mass` (b, 3, 3) [m^2] about the centre of mass, in the body's frame; `free` (b,) 1 where a body moves
     by its own dynamics, 0 where it is fixed or driven; `start` (b, 3) [m] and `start_orientation` (b, 4): poses that
     motions start from; `driven` (d,): the bodies that follow `RigidParams.motions`, one each; `slender`: numbers of
-    those that are so thin that the precision may not tell their spin (see `slender.py`).
+    those that are so thin that the precision may not tell their spin (see `slender.py`); `isotropic`: whether all that
+    turn have the same moment about any axis, as balls and cubes do: their spin stays as it is.
     """
 
     inertia_per_mass: Array
@@ -40,6 +41,7 @@ class RigidSet(Pytree):
     driven: Array
     names: tuple[str, ...] = static()
     slender: tuple[int, ...] = static(default=())
+    isotropic: bool = static(default=False)
 
     @property
     def count(self) -> int:
@@ -87,6 +89,8 @@ def midway(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
 
 def free_spin(bodies: RigidSet, state: RigidState, dt: Array) -> Array:
     """Angular velocities (b, 3) along which bodies turn in a step without torque."""
+    if bodies.isotropic:
+        return state.angular_velocities
     rotations = quaternion_to_matrix(state.orientations)
     return mean_spin(bodies.inertia_per_mass, rotations, state.angular_velocities, dt)
 
