@@ -144,13 +144,18 @@ def sample_advice(
         if each.left_out:
             listed = ", ".join(each.left_out)
             texts.append(f"{where}{listed}: never seen before the release, so left out of the displacements")
-    if uncertainty.inflation > 3 and uncertainty.noise > 1e-6:  # exact data leave rounding errors
+    if smooth(uncertainty):
         texts.append(
             f"the residuals are smooth in time (about {uncertainty.inflation:.0f} samples tell the same): the noise "
             "remembers, or the model leaves out something that the body does. Error bars are those of such noise, and "
             "know nothing of a bias"
         )
     return tuple(texts)
+
+
+def smooth(uncertainty: Uncertainty) -> bool:
+    """Whether residuals are alike from sample to sample; exact data leave rounding errors."""
+    return uncertainty.inflation > 3 and uncertainty.noise > 1e-6
 
 
 def weakest_in_words(unknowns: Unknowns, z: np.ndarray, uncertainty: Uncertainty) -> str:

@@ -1,0 +1,94 @@
+"""Residuals that an error of the recording leaves are told from those of the model by their shape."""
+
+import types
+
+import numpy as np
+import pytest
+
+from jaxfem.fitting.suspects import suspects
+
+TIMES = np.arange(120) * 0.01
+DIRECTIONS = np.array([[0.1, 0.0, 1.0], [-0.1, 0.02, 0.8], [0.05, 0.0, 0.5], [0.0, 0.0, 0.2]])
+MARKERS = ("tip", "side", "middle", "base")
+STIFFNESS, DAMPING = 1.0, 2.0
+
+
+def motion(times, stiffness=STIFFNESS, damping=DAMPING):
+    """Places (T, 4, 3) of markers of a body that sinks and rings: stiffness moves both how far and how fast."""
+    t = np.maximum(times, 0.0)
+    sunk = (1 - np.exp(-damping * t) * np.cos(30 * np.sqrt(stiffness) * t)) / stiffness
+    overtone = 0.1 * np.exp(-2 * damping * t) * np.sin(130 * np.sqrt(stiffness) * t)
+    shape = np.array([1.0, 0.9, -0.6, -0.3])
+    return -3e-3 * (sunk[:, None, None] + (overtone[:, None] * shape)[..., None]) * DIRECTIONS
+
+
+def told(measured, seed=0, fitted=True):
+    """Causes that are named for places measured (T, 4, 3) [m] with noise of .02 mm."""
+    simulated = motion(TIMES)
+    measured = measured + 2e-5 * np.random.default_rng(seed).standard_normal(measured.shape)
+    changes = [(1 + 1e-4, 1.0), (1.0, 1 + 1e-4)] if fitted else []
+    columns = [(motion(TIMES, STIFFNESS * a, DAMPING * b) - simulated) / 1e-4 for a, b in changes]
+    take = types.SimpleNamespace(
+        times=TIMES,
+        simulated=simulated,
+        measured=measured,
+        residuals=simulated - measured,
+        markers=MARKERS,
+        unit="m",
+        name="swing",
+    )
+    weights = np.full(simulated.shape, 1e3)
+    return suspects(take, weights, 1e3 * np.array(columns).reshape(-1, *simulated.shape))
+
+
+def of(marker, changed, usual):
+    """`changed` (T, 4, 3) for one marker, `usual` for others."""
+    return np.where((np.arange(4) == marker)[:, None], changed, usual)
+
+
+def lost(count):
+    """Rows missing behind the 40th, with times as if none were."""
+    return motion(np.where(TIMES >= TIMES[40], TIMES + 0.01 * count, TIMES))
+
+
+def turned(degrees):
+    angle = np.radians(degrees)
+    turn = np.array([[1, 0, 0], [0, np.cos(angle), -np.sin(angle)], [0, np.sin(angle), np.cos(angle)]])
+    return motion(TIMES) @ turn.T
+
+
+def smoothed(width):
+    """By a Gaussian of this standard deviation [s]."""
+    fine = np.arange(-6, 7) * width / 2
+    share = np.exp(-0.5 * (fine / width) ** 2)
+    return sum(w * motion(TIMES - a) for w, a in zip(share / share.sum(), fine, strict=True))
+
+
+CASES = {
+    "one marker late": (of(0, motion(TIMES - 0.02), motion(TIMES)), "tip is 0.021 s (2.1 rows) behind the others"),
+    "one marker early": (of(2, motion(TIMES + 0.01), motion(TIMES)), "middle is 0.01 s (1 rows) ahead of the others"),
+    "all late": (motion(TIMES - 0.01), "all motion is 0.01 s (1 rows) behind where the release was found"),
+    "rows lost": (lost(2), "2 rows were lost at 0.4 s after the release"),
+    "one scaled": (of(1, 1.2 * motion(TIMES), motion(TIMES)), "side moves 17 % too much"),
+    "axes turned": (turned(5.0), "axes are turned by 5 degrees about (1, "),
+    "filtered": (smoothed(0.01), "smoothed over some 0.02 s"),
+    "clock": (motion(TIMES * 0.98), "times are 2 % too long"),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_the_cause_is_named(name):
+    measured, words = CASES[name]
+    found = told(measured)
+    assert found and words in found[0], found
+
+
+def test_noise_alone_and_what_a_fitted_value_would_change_are_no_suspects():
+    assert told(motion(TIMES)) == []
+    assert told(motion(TIMES, 1.002, 2.02)) == []
+    assert told(motion(TIMES), fitted=False) == []
+
+
+def test_two_causes_are_named_together():
+    found = told(of(0, motion(TIMES - 0.01), turned(6.0)))
+    assert len(found) == 2 and any("tip is" in each for each in found) and any("turned" in each for each in found)
