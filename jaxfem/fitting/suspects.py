@@ -35,6 +35,8 @@ SEEN = 0.05
 """Share of a column that is to be left beside those of the fitted values: of less, next to nothing is known."""
 LARGEST = {"share": 0.3, "angle": np.radians(30.0), "rows": 10.0, "filter": 2.0}
 """Amounts beyond are not believed: columns are those of small ones."""
+FEWEST = 8
+"""Rows of a recording that tell a shape in time."""
 PLACES = 200  # at which lost rows are looked for
 
 
@@ -57,19 +59,20 @@ def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray) -> list[s
     `weights` (T, M, 3) of the samples, `jacobian` (P, T, M, 3) of the weighted residuals.
     """
     there = (weights > 0) & np.isfinite(take.residuals)
+    if len(take.times) < FEWEST or not np.isfinite(jacobian[:, there]).all():  # the latter: of steps that failed
+        return []
     left = (weights * np.nan_to_num(take.residuals))[there]
     known = np.linalg.qr(jacobian[:, there].T)[0]
     left = left - known @ (known.T @ left)
     whole = max(float(left @ left) - _noise(weights * take.residuals), LEAST * float(left @ left))
-    causes = [(each.kind, (weights * each.columns)[:, there].T, each.words) for each in _causes(take) if whole > 0]
     found, told = list[str](), 0.0
-    while len(found) < AT_ONCE and told < TOLD:
+    while whole > 0 and len(found) < AT_ONCE and told < TOLD:
         best_of: dict[str, _Part] = {}
-        for kind, own, words in causes:
-            part = _part(own, words, known, left)
-            best_of[kind] = max(best_of.get(kind, part), part, key=lambda each: each.told)
+        for cause in _causes(take):  # made anew: those of a long recording are large together
+            part = _part((weights * cause.columns)[:, there].T, cause.words, known, left)
+            best_of[cause.kind] = max(best_of.get(cause.kind, part), part, key=lambda each: each.told)
         parts = sorted(best_of.values(), key=lambda each: -each.told)
-        if not parts or parts[0].told < EACH * whole:
+        if parts[0].told < EACH * whole:
             return []
         best = parts[0]
         found.append(", or ".join(each.words for each in parts if each.told > best.told - AS_GOOD * whole))

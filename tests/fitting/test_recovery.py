@@ -96,6 +96,16 @@ def test_missing_samples_and_an_unknown_camera(beam):
         assert np.isnan(result.residuals).any() and result.release == pytest.approx(0.3)
 
 
+@pytest.mark.slow
+def test_a_marker_that_is_behind_the_others_is_named(beam):
+    recording = beam.recording(noise=0.005, seed=1)
+    positions = recording.positions
+    positions[3:, 0] = positions[:-3, 0]
+    result = beam.fit(Recording(recording.times, positions, recording.names), FAR_OFF[1], release=0.3)
+    (told,) = [text for text in result.warnings if "what is left looks as if" in text]
+    assert f"{recording.names[0]} is 0.03" in told and "behind the others" in told
+
+
 def test_derivatives_are_corrected_by_what_a_step_found():
     """A step's change is told by them from then on; what lies across the step, measured by its size, is as it was."""
     random = np.random.default_rng(0)

@@ -92,3 +92,12 @@ def test_noise_alone_and_what_a_fitted_value_would_change_are_no_suspects():
 def test_two_causes_are_named_together():
     found = told(of(0, motion(TIMES - 0.01), turned(6.0)))
     assert len(found) == 2 and any("tip is" in each for each in found) and any("turned" in each for each in found)
+
+
+def test_a_few_rows_tell_no_shape():
+    measured = of(0, motion(TIMES - 0.02), motion(TIMES))[:5]
+    simulated = motion(TIMES)[:5]
+    take = types.SimpleNamespace(times=TIMES[:5], residuals=simulated - measured)
+    assert suspects(take, np.ones(simulated.shape), np.zeros((1, *simulated.shape))) == []
+    take = types.SimpleNamespace(times=TIMES, residuals=np.zeros((120, 4, 3)))
+    assert suspects(take, np.ones((120, 4, 3)), np.full((1, 120, 4, 3), np.nan)) == []  # of steps that failed
