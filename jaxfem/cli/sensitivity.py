@@ -32,7 +32,9 @@ def run(args: argparse.Namespace) -> int:
     asked = {key: file.settings[key] for key in ("parameters", "own", "priors", "places")}
     sigma = file.settings["noise"].sigma or args.sigma
     print(f"{file.source.name}: samples that scatter by {1e3 * sigma:g} mm tell")
-    for each in sensitivity(takes_of(file, args.recording), sigma, **asked):
+    held = () if args.recording else file.settings.get("held_out", ())
+    takes = [each for each in takes_of(file, args.recording) if each.name not in held]
+    for each in sensitivity(takes, sigma, **asked):
         print(each.line())
         for what, shares in (("takes", each.takes), ("markers", each.markers), ("axes", each.axes)):
             print(f"    {what}: " + ", ".join(f"{name} {100 * share:.0f} %" for name, share in shares.items()))

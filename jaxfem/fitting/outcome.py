@@ -19,7 +19,7 @@ from jaxfem.fitting.result import FitResult, TakeFit, astray, beside_in_words
 from jaxfem.fitting.rounds import Judged
 from jaxfem.fitting.sharing import Shared, all_shifts, shared_unknowns
 from jaxfem.fitting.statistics import autocorrelation
-from jaxfem.fitting.suspects import told_suspects
+from jaxfem.fitting.suspects import told_suspects, unfollowed
 from jaxfem.fitting.takes import Prepared, compiled_piece, data_beside
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
@@ -62,7 +62,8 @@ def result_of(
             first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
         ),
         *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
-        *(told_suspects(takes, evaluator, jacobian) if smooth(spread) else []),
+        *(doubted := unfollowed(spread, takes)),
+        *(told_suspects(takes, evaluator, jacobian) if doubted or smooth(spread) else []),
         *(text for each in takes for text in beside_in_words(each)),
         *(text for each, one in zip(takes, made, strict=True) for text in astray(each, one.measured)),
         *first_order(evaluator, best, residual, jacobian, [each.take.name for each in made]),

@@ -21,7 +21,7 @@ from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
 from jaxfem.fitting.search import Search
-from jaxfem.fitting.sharing import Shared, all_shifts, shared_unknowns
+from jaxfem.fitting.sharing import Shared, all_shifts, check_own, shared_unknowns
 from jaxfem.fitting.strategy import Strategy, checked_strategy, searched, searching
 from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, data_beside, prepared
 from jaxfem.fitting.unknowns import DELAY
@@ -154,6 +154,7 @@ def assembled(
     made = [prepared(take, checks, late) for take in takes]
     shifts = () if places is None else all_shifts(made)
     shared = shared_unknowns(made, parameters, own, starts, bounds, shifts)
+    check_own(own, shared)
     priors = {**{name: _place_prior(places) for name in shifts}, **dict(priors or {})}
     usual = usual_scales(made)
     pieces = [

@@ -64,6 +64,14 @@ def shared_unknowns(
     return Shared(both, [both.unknown(each) for each in given], mine, given[0], frozenset(wide))
 
 
+def check_own(own: Sequence[str], shared: Shared) -> None:
+    """FitError for names in `own` that are not fitted; the delay, which is there by itself, need not be."""
+    fitted = dict.fromkeys(each.name for one in shared.own for each in one.values())
+    for name in own:
+        if name not in fitted and name != DELAY.name:
+            raise FitError(f"own names {name!r}, which is not fitted; fitted: {', '.join(fitted)}")
+
+
 def _known(made: Prepared) -> dict[str, Constant]:
     """All that can be fitted of a take, by name: constants of materials, the delay, then what has a path."""
     model = made.take.model

@@ -19,8 +19,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from jaxfem.fitting.advice import smooth
 from jaxfem.fitting.evaluation import Evaluator
 from jaxfem.fitting.result import TakeFit
+from jaxfem.fitting.statistics import Uncertainty
 
 TOLD = 0.6
 """Share of what is left that is to be told for causes to be named."""
@@ -35,6 +37,8 @@ SEEN = 0.05
 """Share of a column that is to be left beside those of the fitted values: of less, next to nothing is known."""
 LARGEST = {"share": 0.3, "angle": np.radians(30.0), "rows": 10.0, "filter": 2.0}
 """Amounts beyond are not believed: columns are those of small ones."""
+ABOVE = 3.0
+"""Times the scatter of markers from one sample to the next: residuals are more than noise."""
 FEWEST = 8
 """Rows of a recording that tell a shape in time."""
 PLACES = 200  # at which lost rows are looked for
@@ -103,6 +107,20 @@ def _part(own: np.ndarray, words: Callable[[np.ndarray], str | None], known: np.
     along = basis.T @ left
     text = words(np.linalg.lstsq(triangle, along, rcond=1e-9)[0])
     return _Part(0.0 if text is None else float(along @ along), text or "", basis)
+
+
+def unfollowed(uncertainty: Uncertainty, takes: Sequence[TakeFit]) -> list[str]:
+    """A warning of each take whose residuals are far above what its markers scatter by from one sample to the next.
+
+    Residuals that ring need not be alike from sample to sample on the whole: their correlations cancel.
+    """
+    return [
+        f"{each.name}: residuals are {each.noise / each.scatter:.2g} times what its markers scatter by from one sample "
+        "to the next: the model leaves out something that the body does, or the recording is not what it is taken for "
+        "(its release, its times, a marker behind the others). Error bars know nothing of that bias"
+        for each in takes
+        if not smooth(uncertainty) and uncertainty.noise > 1e-6 and each.noise > ABOVE * each.scatter > 0
+    ]
 
 
 def told_suspects(takes: Sequence[TakeFit], evaluator: Evaluator, jacobian: Sequence[np.ndarray]) -> list[str]:

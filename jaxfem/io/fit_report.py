@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxfem.fitting.advice import at_bound
 from jaxfem.fitting.result import FitResult, TakeFit, length
 from jaxfem.io.fit_search_page import beside_part, posterior_part, waterfall_part
 from jaxfem.io.fit_svg import chart, heat
@@ -119,7 +120,7 @@ def _table(result: FitResult) -> str:
         name = each.name
         low, high = result.bounds[name]
         value, bar = result.values[name], result.standard_errors[name]
-        near = min(abs(value - low), abs(high - value)) < 1e-3 * abs(high - low)
+        near = at_bound(*(each.transform.unknown(at) for at in (value, low, high)))
         loose = np.isfinite(each.low) and bar > 0.5 * abs(value)  # of what may be zero that would say nothing
         flags = [text for text, on in (("at a bound", near), ("open", loose)) if on]
         cells = [result.starts[name], low, high, value, bar, *result.intervals[name]]

@@ -5,7 +5,9 @@ import types
 import numpy as np
 import pytest
 
-from jaxfem.fitting.suspects import suspects
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.sharing import check_own
+from jaxfem.fitting.suspects import suspects, unfollowed
 
 TIMES = np.arange(120) * 0.01
 DIRECTIONS = np.array([[0.1, 0.0, 1.0], [-0.1, 0.02, 0.8], [0.05, 0.0, 0.5], [0.0, 0.0, 0.2]])
@@ -101,3 +103,20 @@ def test_a_few_rows_tell_no_shape():
     assert suspects(take, np.ones(simulated.shape), np.zeros((1, *simulated.shape))) == []
     take = types.SimpleNamespace(times=TIMES, residuals=np.zeros((120, 4, 3)))
     assert suspects(take, np.ones((120, 4, 3)), np.full((1, 120, 4, 3), np.nan)) == []  # of steps that failed
+
+
+def test_residuals_that_ring_are_told_where_they_are_far_above_the_scatter():
+    """Their correlations cancel, so that they count as noise: a marker three rows late had no warning."""
+    white = types.SimpleNamespace(inflation=1.0, noise=1.0)
+    follows = types.SimpleNamespace(name="one", noise=4e-5, scatter=3e-5)
+    rings = types.SimpleNamespace(name="two", noise=1.5e-4, scatter=3e-5)
+    (told,) = unfollowed(white, [follows, rings])
+    assert told.startswith("two: residuals are 5 times")
+    assert unfollowed(types.SimpleNamespace(inflation=9.0, noise=1.0), [rings]) == []  # that has a warning of its own
+
+
+def test_names_in_own_that_are_not_fitted_are_refused():
+    shared = types.SimpleNamespace(own=({"young": types.SimpleNamespace(name="young")},))
+    check_own(["young", "delay"], shared)
+    with pytest.raises(FitError, match=r"own names 'yuong', which is not fitted; fitted: young"):
+        check_own(["yuong"], shared)
