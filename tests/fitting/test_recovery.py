@@ -106,6 +106,14 @@ def test_a_marker_that_is_behind_the_others_is_named(beam):
     assert f"{recording.names[0]} is 0.03" in told and "behind the others" in told
 
 
+@pytest.mark.slow
+def test_bars_know_of_the_rest_where_the_frame_is_found_with_the_fit(beam):
+    """Displacements share the error of the place they start from, in any frame: bars were a third of the scatter."""
+    recording = beam.recording(noise=0.01, seed=3)
+    bars = [beam.fit(recording, {}, frame=frame, release=0.3).standard_errors["damping"] for frame in ("rest", "all")]
+    assert bars[1] == pytest.approx(bars[0], rel=0.3)
+
+
 def test_derivatives_are_corrected_by_what_a_step_found():
     """A step's change is told by them from then on; what lies across the step, measured by its size, is as it was."""
     random = np.random.default_rng(0)
