@@ -35,8 +35,8 @@ LEAST = 0.1
 """Share of what is left that is taken to be more than noise at least."""
 SEEN = 0.05
 """Share of a column that is to be left beside those of the fitted values: of less, next to nothing is known."""
-LARGEST = {"share": 0.3, "angle": np.radians(30.0), "rows": 10.0, "filter": 2.0}
-"""Amounts beyond are not believed: columns are those of small ones."""
+SHARE, ANGLE, FILTER, ROWS = (-0.3, 0.3), (0.0, float(np.radians(30.0))), (0.5, 2.0), 10.0
+"""Between which amounts are believed: columns are those of small ones. A filter's is 1, of one near it not quite."""
 ABOVE = 3.0
 """Times the scatter of markers from one sample to the next: residuals are more than noise."""
 FEWEST = 8
@@ -50,11 +50,12 @@ WIDTHS = (0.5, 1.0, 2.0, 4.0, 8.0)
 
 class Cause(NamedTuple):
     """`kind`: the best of each counts; `columns` (k, T, M, 3) of the residuals, in their unit; `words`: the cause with
-    the amounts (k,) found in words, None where those make no sense."""
+    the amounts (k,) found in words; `believed`: between which it is, or the size of several."""
 
     kind: str
     columns: np.ndarray
-    words: Callable[[np.ndarray], str | None]
+    words: Callable[[np.ndarray], str]
+    believed: tuple[float, float]
 
 
 def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray) -> list[str]:
@@ -73,7 +74,7 @@ def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray) -> list[s
     while whole > 0 and len(found) < AT_ONCE and told < TOLD:
         best_of: dict[str, _Part] = {}
         for cause in _causes(take):  # made anew: those of a long recording are large together
-            part = _part((weights * cause.columns)[:, there].T, cause.words, known, left)
+            part = _part(cause, (weights * cause.columns)[:, there].T, known, left)
             best_of[cause.kind] = max(best_of.get(cause.kind, part), part, key=lambda each: each.told)
         parts = sorted(best_of.values(), key=lambda each: -each.told)
         if parts[0].told < EACH * whole:
@@ -98,15 +99,17 @@ class _Part(NamedTuple):
     basis: np.ndarray
 
 
-def _part(own: np.ndarray, words: Callable[[np.ndarray], str | None], known: np.ndarray, left: np.ndarray) -> _Part:
-    """What a cause's columns (N, k) tell of what is `left` (N,) beside those that are `known` (N, p), orthonormal."""
+def _part(cause: Cause, own: np.ndarray, known: np.ndarray, left: np.ndarray) -> _Part:
+    """What its weighted columns (N, k) tell of what is `left` (N,) beside those `known` (N, p), orthonormal."""
     beside = own - known @ (known.T @ own)
     if np.linalg.norm(beside) < SEEN * np.linalg.norm(own):
         return _Part(0.0, "", beside[:, :0])
     basis, triangle = np.linalg.qr(beside)
     along = basis.T @ left
-    text = words(np.linalg.lstsq(triangle, along, rcond=1e-9)[0])
-    return _Part(0.0 if text is None else float(along @ along), text or "", basis)
+    amounts = np.linalg.lstsq(triangle, along, rcond=1e-9)[0]
+    low, high = cause.believed
+    size = amounts[0] if len(amounts) == 1 else np.linalg.norm(amounts)
+    return _Part(float(along @ along) if low <= size <= high else 0.0, cause.words(amounts), basis)
 
 
 def unfollowed(uncertainty: Uncertainty, takes: Sequence[TakeFit]) -> list[str]:
@@ -138,81 +141,63 @@ def told_suspects(takes: Sequence[TakeFit], evaluator: Evaluator, jacobian: Sequ
 
 def _causes(take: TakeFit) -> Iterator[Cause]:
     """All that are looked for. Velocities are the mean of those simulated and measured: lags may then be long."""
+    from scipy.ndimage import gaussian_filter1d
+
     times, places = take.times, take.simulated
     interval = float(np.median(np.diff(times)))
+    lags = -ROWS * interval, ROWS * interval
     velocity, measured = (np.gradient(each, times, axis=0) for each in (places, take.measured))
     velocity = np.where(np.isfinite(measured), 0.5 * (velocity + measured), velocity)
     moved = np.where(np.isfinite(take.measured), take.measured, places) - places[0]
-    yield Cause("clock", ((times - times[0])[:, None, None] * velocity)[None], _clock)
+    yield Cause("clock", ((times - times[0])[:, None, None] * velocity)[None], _clock, SHARE)
     for rows in WIDTHS:
-        yield Cause("filter", (places - _gaussian(places, rows))[None], partial(_smoothed, rows * interval))
-    yield Cause("release", velocity[None], partial(_late, "all motion", "where the release was found", interval))
-    yield Cause("scale", -moved[None], partial(_scaled, "all markers move"))
+        smoothed = gaussian_filter1d(places, rows, axis=0, mode="nearest", truncate=3.0)  # still before
+        yield Cause("filter", (places - smoothed)[None], partial(_smoothed, rows * interval), FILTER)
+    yield Cause("release", velocity[None], partial(_late, "all motion", "where the release was found", interval), lags)
+    yield Cause("scale", -moved[None], partial(_scaled, "all markers move"), SHARE)
     if take.unit == "m":
-        yield Cause("axes", np.stack([-np.cross(axis, moved) for axis in np.eye(3)]), _turned)
+        yield Cause("axes", np.stack([-np.cross(axis, moved) for axis in np.eye(3)]), _turned, ANGLE)
     for number, name in enumerate(take.markers):
         of = (np.arange(len(take.markers)) == number).astype(float)[:, None]
-        yield Cause("marker", (of * velocity)[None], partial(_late, name, "the others", interval))
-        yield Cause("marker", -(of * moved)[None], partial(_scaled, f"{name} moves"))
+        yield Cause("marker", (of * velocity)[None], partial(_late, name, "the others", interval), lags)
+        yield Cause("marker", -(of * moved)[None], partial(_scaled, f"{name} moves"), SHARE)
     begin = max(2, len(times) // 10)  # before, lost rows are a release that was found late
     for row in range(begin, len(times) - 2, max(1, len(times) // PLACES)):
         after = (times >= times[row]).astype(float)[:, None, None]
-        yield Cause("rows", -(after * velocity)[None], partial(_lost, times[row], interval))
+        yield Cause("rows", -(after * velocity)[None], partial(_lost, times[row], interval), lags)
 
 
 def _way(amount: float, more: str, less: str) -> str:
     return more if amount > 0 else less
 
 
-def _clock(share: np.ndarray) -> str | None:
-    if abs(share[0]) > LARGEST["share"]:
-        return None
+def _clock(share: np.ndarray) -> str:
     return (
         f"times are {100 * abs(share[0]):.2g} % too {_way(share[0], 'long', 'short')} (the rate of the frames), or the "
         f"material is {_way(share[0], 'softer', 'stiffer')} when it rings than when it hangs"
     )
 
 
-def _gaussian(places: np.ndarray, rows: float) -> np.ndarray:
-    """Places (T, M, 3), still before, averaged by a Gaussian of a standard deviation of so many rows."""
-    reach = int(np.ceil(3 * rows))
-    weights = np.exp(-0.5 * (np.arange(-reach, reach + 1) / rows) ** 2)
-    padded = np.pad(places, ((reach, reach), (0, 0), (0, 0)), mode="edge")
-    shifted = (weight * padded[k : k + len(places)] for k, weight in enumerate(weights / weights.sum()))
-    averaged: np.ndarray = sum(shifted, start=np.zeros_like(places))
-    return averaged
-
-
-def _smoothed(width: float, amount: np.ndarray) -> str | None:
+def _smoothed(width: float, _: np.ndarray) -> str:
     """A filter of this standard deviation; of another one near where the amount is not 1."""
-    if not 1 / LARGEST["filter"] < amount[0] < LARGEST["filter"]:
-        return None
     return f"places were smoothed over some {2 * width:.2g} s (a filter at about {0.1325 / width:.2g} Hz)"
 
 
-def _scaled(what: str, share: np.ndarray) -> str | None:
-    if abs(share[0]) > LARGEST["share"]:
-        return None
+def _scaled(what: str, share: np.ndarray) -> str:
     return f"{what} {100 * abs(share[0]):.2g} % too {_way(share[0], 'much', 'little')}"
 
 
-def _turned(angles: np.ndarray) -> str | None:
+def _turned(angles: np.ndarray) -> str:
     size = float(np.linalg.norm(angles))
-    if size > LARGEST["angle"]:
-        return None
     axis = ", ".join(f"{each:.2g}" for each in angles / max(size, 1e-300))
     return f"the recording's axes are turned by {np.degrees(size):.2g} degrees about ({axis})"
 
 
-def _late(what: str, than: str, interval: float, lag: np.ndarray) -> str | None:
+def _late(what: str, than: str, interval: float, lag: np.ndarray) -> str:
     rows = abs(lag[0]) / interval
-    if rows > LARGEST["rows"]:
-        return None
     return f"{what} is {abs(lag[0]):.2g} s ({rows:.2g} rows) {_way(lag[0], 'behind', 'ahead of')} {than}"
 
 
-def _lost(time: float, interval: float, lag: np.ndarray) -> str | None:
+def _lost(time: float, interval: float, lag: np.ndarray) -> str:
     rows, what = abs(lag[0]) / interval, _way(lag[0], "lost", "doubled")
-    if rows > LARGEST["rows"]:
-        return None
     return f"{rows:.2g} rows were {what} at {time:.3g} s after the release, with no gap in the times"

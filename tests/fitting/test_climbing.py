@@ -16,14 +16,8 @@ class Bowl:
     """An evaluator of residuals (T,) that are a plain function of z (P,), with a diary of what was asked."""
 
     def __init__(self, function, count):
-        self.function, self.near, self.last, self.whole, self.priors, self.samples = (
-            function,
-            None,
-            None,
-            False,
-            None,
-            1,
-        )
+        self.function, self.samples, self.whole = function, 1, False
+        self.near = self.last = self.priors = None
         constant = types.SimpleNamespace(transform=types.SimpleNamespace(longest=1.0))
         box = np.full(count, -9.0), np.full(count, 9.0)
         self.unknowns = types.SimpleNamespace(box=box, constants=[constant] * count)
