@@ -9,12 +9,11 @@ from typing import Any
 
 import jax
 
+from jaxfem.cli.exits import FAILED
 from jaxfem.cli.measuring import QUICK, STANDARD, Row, count_rows, machine, measure
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.progress import Progress
 from jaxfem.io.plots import PlotError, plot_work, require_matplotlib
-
-EXIT_FAILED = 3
 
 
 def add(subparsers: Any) -> None:
@@ -46,7 +45,7 @@ def run(args: argparse.Namespace) -> int:
     failed = [row for row in rows if row.status]
     for row in failed:
         error(f"{row.scene}, {row.precision}, tolerance {row.tolerance:g}: a solve did not converge")
-    return EXIT_FAILED if failed else 0
+    return FAILED if failed else 0
 
 
 def table(rows: list[Row]) -> str:

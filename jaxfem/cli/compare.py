@@ -13,6 +13,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxfem.cli.exits import FAILED
 from jaxfem.cli.measuring import machine
 from jaxfem.cli.messages import warning
 from jaxfem.cli.progress import Progress
@@ -24,7 +25,6 @@ from jaxfem.methods import METHODS, Method
 from jaxfem.solvers import describe
 from jaxfem.stepping import prepare, rollout
 
-EXIT_FAILED = 3
 USUAL = ("corotated", "assembled", "groupwise", "mass_spring")
 FINER = 8
 """Steps of the converged run in one of the scene's."""
@@ -91,7 +91,7 @@ def run(args: argparse.Namespace) -> int:
     _write(folder, lines)
     print(f"errors are distances of nodes at the end, largest, from a run of {finer} times as many steps; {machine()}")
     print(f"wrote compare.csv, compare.json and compare.png in {folder}")
-    return EXIT_FAILED if any(line.failed for line in lines) else 0
+    return FAILED if any(line.failed for line in lines) else 0
 
 
 def _cases(table: Table, file: SceneFile) -> Iterator[tuple[str, Any, float, float | None]]:

@@ -9,6 +9,7 @@ import jax
 import numpy as np
 
 from jaxfem.cli import fit, simulate
+from jaxfem.cli.exits import INTERRUPTED
 from jaxfem.cli.messages import error
 from jaxfem.fitting import FitResult, Recording, attach, marker_positions, write_recording
 from jaxfem.io.examples import beam_scene
@@ -87,10 +88,10 @@ def run(args: argparse.Namespace) -> int:
     print("\n2. recording six markers on it, with noise of 0.03 mm", flush=True)
     _record(folder, scene, args.seed)
     print("\n3. fitting, from a start thirty times too stiff", flush=True)
-    result, _ = fit.fitted(load_fit(folder / "fit.toml"), folder / "fitted")
-    if result.status == "interrupted":
+    result, _, code = fit.fitted(load_fit(folder / "fit.toml"), folder / "fitted")
+    if code == INTERRUPTED:
         error("interrupted; the best so far is written")
-        return fit.EXIT_INTERRUPTED
+        return INTERRUPTED
     print(_verdict(folder, result, time.perf_counter() - begun))
     return 0
 

@@ -3,26 +3,25 @@
 import argparse
 import csv
 import json
-import sys
-import time
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 
-from jaxfem.cli.fit_field import field_of, write_field
+from jaxfem.cli.exits import INTERRUPTED
+from jaxfem.cli.fit_field import check_field, field_of, write_field
+from jaxfem.cli.further import Step, gone_on, with_contributions, with_profiles
 from jaxfem.cli.messages import warning
+from jaxfem.cli.progress import Ticker
 from jaxfem.fitting import (
     FitError,
     FitResult,
     Take,
     alone,
     attach,
-    contributions,
     fit_takes,
-    profile,
     read_recording,
     refine,
     sample,
@@ -35,9 +34,6 @@ from jaxfem.io.fit_plots import plot_fit, plot_loss
 from jaxfem.io.fit_report import write_report
 from jaxfem.io.plots import PlotError, require_matplotlib
 from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
-
-EXIT_INTERRUPTED = 130
-EVERY = 10.0  # s between lines of progress in a file
 
 
 def add(subparsers: Any) -> None:
@@ -77,6 +73,7 @@ def add(subparsers: Any) -> None:
 def run(args: argparse.Namespace) -> int:
     """Fit and write the results; 0 when done, 130 when interrupted (with the best so far written)."""
     file = load_fit(args.file)
+    check_field(file)
     if args.posterior is not None:
         blackjax_or_error()  # before the fit, not after it
     if args.alone and (args.recording or sum(not each.held_out for each in file.takes) < 2):
@@ -84,53 +81,75 @@ def run(args: argparse.Namespace) -> int:
     folder = Path(args.out) if args.out else file.folder
     if not args.force:
         _refuse_old(folder / "fitted.json")
-    result, written = fitted(
-        file, folder, args.recording, not args.no_plots, args.profiles, args.refine, args.posterior, args.alone
-    )
+    more = Further(args.profiles, args.refine, args.alone, args.posterior)
+    result, written, code = fitted(file, folder, args.recording, not args.no_plots, more)
     print(f"{file.source.name}:\n{result.summary()}\nwrote {', '.join(p.name for p in written)} in {folder}")
-    return EXIT_INTERRUPTED if result.status == "interrupted" else 0
+    return code
+
+
+class Further(NamedTuple):
+    """What is asked for beyond the fit: `profiles` with Type B, `finer` refits, each take `alone`, `draws` from the
+    posterior."""
+
+    profiles: bool = False
+    finer: bool = False
+    apart: bool = False
+    draws: int | None = None
 
 
 def fitted(
-    file: FitFile,
-    folder: Path,
-    recording: Any = None,
-    plots: bool = True,
-    profiles: bool = False,
-    finer: bool = False,
-    draws: int | None = None,
-    apart: bool = False,
-) -> tuple[FitResult, list[Path]]:
-    """Run the fit of a file and write everything into `folder`, the page among it; returns what was written."""
+    file: FitFile, folder: Path, recording: Any = None, plots: bool = True, more: Further | None = None
+) -> tuple[FitResult, list[Path], int]:
+    """Run the fit of a file and write everything into `folder`, the page among it; returns what was written, too, and
+    the exit code."""
     result, takes = fit_from_file(file, recording)
-    if finer:
-        result = refine(result, takes_of(file, recording, finer=True))
-    if apart and result.status != "interrupted":
-        with Ticker() as ticker:
-            result = alone(result, takes, progress=ticker.show, **file.settings)
-    if draws is not None and result.status != "interrupted":
-        result = sample(result, draws, seed=file.settings["seed"])
+    code, fields = INTERRUPTED, list[tuple[Path, str]]()
+    if result.status != "interrupted":
+        steps = _steps(file, recording, takes, more or Further())
+        if file.field:
+            steps.append(("field", lambda found, _: _with_field(file, folder, found, takes, fields)))
+        if steps:
+            write_results(folder, result, plots=False)  # what follows may take long, or end badly
+        result, code = gone_on(result, steps)
     written = write_results(folder, result, plots)
-    after = _after(result, takes) if profiles else []
-    if file.field:
-        path, part = write_field(folder, field_of(file, result, takes), takes[0].model)
-        written, after = [*written, path], [*after, part]
+    after = after_parts(result)
+    written, after = [*written, *(path for path, _ in fields)], [*after, *(part for _, part in fields)]
     files = {"fit": file.source, **_sources(file, recording)}
     scene = takes[0].model, takes[0].state
     settings = {**file.cutting, **file.settings}
     written.insert(1, write_report(folder / "report.html", result, scene, files, settings, after))
-    return result, written
+    return result, written, code
 
 
-def _after(result: FitResult, takes: Sequence[Take]) -> list[str]:
-    """Parts of the page that simulate further: profiles, Type B of 1 % in the density and in the size of soft bodies,
-    and of 1 mm in marker places that were not fitted."""
-    held = {} if "density" in result.values else {"density": 0.01}
-    models = [take.model for take in takes]
-    follows = all(model.bodies and all(hasattr(load, "reshaped") for load in model.loads) for model in models)
-    shifts = [name for name in result.values if name.startswith("marker.")]
-    added = contributions(result, held, None if shifts else 1e-3, 0.01 if follows else None)
-    return after_parts(result, [profile(result, name) for name in result.values if name not in shifts], added)
+def _drawn(result: FitResult, ticker: Ticker, draws: int, seed: int) -> FitResult:
+    """The result with so many draws of its posterior."""
+    return sample(result, draws, seed=seed, progress=lambda done: ticker.count("posterior: draw", done, draws))
+
+
+def _with_field(
+    file: FitFile, folder: Path, result: FitResult, takes: Sequence[Take], fields: list[tuple[Path, str]]
+) -> FitResult:
+    """The field's file and its part of the page, added to `fields`."""
+    fields.append(write_field(folder, field_of(file, result, takes), takes[0].model))
+    return result
+
+
+def _steps(file: FitFile, recording: Any, takes: Sequence[Take], more: Further) -> list[Step]:
+    """What follows the fit, in order."""
+    steps: list[Step] = []
+    if more.finer:
+        steps.append(
+            ("finer refits", lambda found, told: refine(found, takes_of(file, recording, finer=True), told.show))
+        )
+    if more.apart:
+        steps.append(("takes alone", lambda found, told: alone(found, takes, progress=told.show, **file.settings)))
+    if more.profiles:
+        steps.append(("profiles", with_profiles))
+        steps.append(("Type B", lambda found, told: with_contributions(found, told, takes)))
+    if more.draws is not None:
+        draws, seed = more.draws, file.settings["seed"]
+        steps.append(("posterior", lambda found, told: _drawn(found, told, draws, seed)))
+    return steps
 
 
 def fit_from_file(file: FitFile, recording: Any = None) -> tuple[FitResult, list[Take]]:
@@ -230,31 +249,3 @@ def _write_residuals(path: Path, result: FitResult) -> Path:
                     numbers = ("" if v != v else f"{v:.7g}" for v in cells)
                     writer.writerow([f"{time:.9g}", take.name, name, *numbers])
     return path
-
-
-class Ticker:
-    """One line on a terminal that tells how far a fit is; where the output goes to a file, a line every ten seconds."""
-
-    def __init__(self) -> None:
-        self.shown, self.best = sys.stderr.isatty(), float("inf")
-        self.told = time.monotonic()
-
-    def __enter__(self) -> "Ticker":
-        if self.shown:
-            print("compiling ...", end="", file=sys.stderr, flush=True)
-        return self
-
-    def __exit__(self, *problem: Any) -> None:
-        if self.shown:
-            print("\r\x1b[K", end="", file=sys.stderr, flush=True)
-
-    def show(self, stage: str, iteration: int, loss: float, values: dict[str, float]) -> None:
-        """Stage, count of simulations, best loss, the values tried."""
-        self.best = min(self.best, loss)
-        listed = "  ".join(f"{name} {value:.4g}" for name, value in values.items())
-        line = f"{stage:<10} simulation {iteration + 1:3d}  best loss {self.best:.3g}  {listed}"
-        if self.shown:
-            print(f"\r\x1b[K{line[:110]}", end="", file=sys.stderr, flush=True)
-        elif time.monotonic() - self.told >= EVERY:
-            self.told = time.monotonic()
-            print(line, file=sys.stderr, flush=True)

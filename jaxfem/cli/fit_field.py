@@ -16,11 +16,15 @@ from jaxfem.model import Model
 FILE = "field.csv"
 
 
-def field_of(file: FitFile, result: FitResult, takes: Sequence[Take]) -> FieldFit:
-    """Find the field that the file asks for; FitError where the fit had a delay, which it does not know of."""
-    asked = dict(file.field or {})
-    if any(name.startswith("delay") for name in result.values):
+def check_field(file: FitFile) -> None:
+    """FitError where a delay is fitted, which fields do not know of."""
+    if file.field and any(name.startswith("delay") for name in file.settings["parameters"] or ()):
         raise FitError('[fit.field] takes the release as it is: leave "delay" out of parameters')
+
+
+def field_of(file: FitFile, result: FitResult, takes: Sequence[Take]) -> FieldFit:
+    """Find the field that the file asks for."""
+    asked = dict(file.field or {})
     by_name = {each.name: each for each in result.takes if not each.held_out}
     fitted = [
         dataclasses.replace(take, params=by_name[take.name].params, state=by_name[take.name].state)

@@ -29,6 +29,7 @@ from jaxfem.cli import (
     sweep,
     view,
 )
+from jaxfem.cli.exits import INTERRUPTED, MISTAKE, leave_at_once
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.programs import keep_programs
 from jaxfem.cli.threads import one_blas_thread
@@ -84,6 +85,14 @@ def main(argv: Sequence[str] | None = None) -> int:
         if args.quick:
             ask_for(OLDER_EMITTER)
         keep_programs(args.kept and not given["--no-cache"])
+    code = _run(args, modules, debug)
+    if argv is None and code == INTERRUPTED:
+        leave_at_once(code)
+    return code
+
+
+def _run(args: argparse.Namespace, modules: list[str], debug: bool) -> int:
+    """Run the command; what goes wrong is told on one line, or, to `debug`, raised."""
     with warnings.catch_warnings():
         for own in OWN_WARNINGS:
             warnings.simplefilter("always", own)
@@ -97,12 +106,12 @@ def main(argv: Sequence[str] | None = None) -> int:
             if debug:
                 raise
             error(_text(problem))
-            return 2
+            return MISTAKE
         except KeyboardInterrupt:
             if debug:
                 raise
             error("interrupted")
-            return 130
+            return INTERRUPTED
 
 
 def _imports(words: list[str]) -> tuple[list[str], list[str]]:

@@ -7,6 +7,7 @@ from typing import Any
 
 import jax
 
+from jaxfem.cli.exits import FAILED, INTERRUPTED
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.running import Run, advance
 from jaxfem.energies import with_account
@@ -17,7 +18,6 @@ from jaxfem.io.reading import read_frame, read_part
 from jaxfem.io.scene_files import SceneFile, SceneFileError, load_scene
 from jaxfem.mesh.topology import boundary_faces
 
-EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
 PICTURES = ("energies.png", "shapes.png", "points.png")
 FEW_POINTS = 2  # with more tracked points, three lines each would be too many
 
@@ -70,7 +70,7 @@ def run(args: argparse.Namespace) -> int:
     if job.problem:
         error(job.problem)
     print(_summary(job, wall, writer, pictures, file))
-    return EXIT_INTERRUPTED if job.interrupted else EXIT_FAILED if job.problem else 0
+    return INTERRUPTED if job.interrupted else FAILED if job.problem else 0
 
 
 def _looks(file: SceneFile) -> dict[str, Any]:

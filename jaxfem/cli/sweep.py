@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxfem.cli.exits import FAILED, INTERRUPTED
 from jaxfem.cli.messages import error, warning
 from jaxfem.cli.progress import Progress
 from jaxfem.io.plots import PlotError
@@ -24,7 +25,6 @@ from jaxfem.sweeping.merging import Merged, check_writers, merge
 from jaxfem.sweeping.result import columns
 from jaxfem.sweeping.shards import Manifest, begun, missing, read_manifest, read_shard, work, write_manifest
 
-EXIT_FAILED, EXIT_INTERRUPTED = 3, 130
 ONE_THREAD = "--xla_cpu_multi_thread_eigen=false intra_op_parallelism_threads=1"
 LOOK = 0.2  # s between looks at what is there
 
@@ -71,10 +71,10 @@ def run(args: argparse.Namespace) -> int:
         problem = _watched(args.file, folder, manifest, processes) if todo else ""
     except KeyboardInterrupt:
         error(f"interrupted with {manifest.shards - len(missing(folder, manifest))} of {manifest.shards} shards there")
-        return EXIT_INTERRUPTED
+        return INTERRUPTED
     if problem:
         error(problem)
-        return EXIT_FAILED
+        return FAILED
     merged = merge(folder, manifest, file.variants, file.table, file.arrays)
     if file.indices:
         merged.files.extend(_indices(file, folder, manifest))
@@ -83,7 +83,7 @@ def run(args: argparse.Namespace) -> int:
     if describe(0) in merged.statuses:
         return 0
     error("no variant converged: see the problem of each in the table")
-    return EXIT_FAILED
+    return FAILED
 
 
 def _planned(file: SweepFile) -> Manifest:
@@ -135,7 +135,7 @@ def _worker(file: SweepFile, folder: Path, share: tuple[int, int]) -> int:
     made = prepared(file, manifest.engine, manifest.width, order)
     for _ in work(made, folder, manifest, missing(folder, manifest)[share[0] :: share[1]]):
         if os.getppid() != parent:
-            return EXIT_INTERRUPTED
+            return INTERRUPTED
     return 0
 
 

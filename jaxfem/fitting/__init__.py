@@ -2,6 +2,7 @@
 
 from jaxfem.fitting.after import contributions, profile
 from jaxfem.fitting.agreement import Agreement
+from jaxfem.fitting.asked import Contribution, Posterior, Profile, Refinement
 from jaxfem.fitting.beside.frequencies import Frequencies
 from jaxfem.fitting.beside.gauge import Gauge
 from jaxfem.fitting.beside.settled import Settled
@@ -15,7 +16,7 @@ from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recording import Recording, read_recording, write_recording
 from jaxfem.fitting.recovery import fit, fit_takes
 from jaxfem.fitting.refining import refine
-from jaxfem.fitting.result import FitResult, Posterior, Refinement, TakeFit
+from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.fitting.search import Search
 from jaxfem.fitting.sensitivity import sensitivity
 from jaxfem.fitting.takes import Take
@@ -23,6 +24,7 @@ from jaxfem.fitting.takes_alone import alone
 
 __all__ = [
     "Agreement",
+    "Contribution",
     "FieldFit",
     "FitError",
     "FitResult",
@@ -33,6 +35,7 @@ __all__ = [
     "Markers",
     "Noise",
     "Posterior",
+    "Profile",
     "Recording",
     "Refinement",
     "Search",

@@ -8,9 +8,10 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.building import rebuild
+from jaxfem.fitting.asked import Contribution, Profile
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.evaluation import Evaluator
+from jaxfem.fitting.evaluation import Evaluator, Progress
 from jaxfem.fitting.markers import moved_markers
 from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.fitting.result import FitResult
@@ -19,24 +20,14 @@ EDGE = 3.841458820694124  # -2 log likelihood ratio at which a 95 % interval of 
 STEPS = 24
 
 
-@dataclasses.dataclass(frozen=True)
-class Profile:
-    """-2 log likelihood ratio `drop` (k,) of a parameter's `values` (k,), the others at their best; `interval`: where
-    it passes 3.84, infinite towards a side on which it never does before the bound: the interval is one-sided then."""
-
-    name: str
-    values: np.ndarray
-    drop: np.ndarray
-    interval: tuple[float, float]
-
-
-def profile(result: FitResult, name: str) -> Profile:
-    """The profile likelihood of one parameter (Venzon & Moolgavkar 1988).
+def profile(result: FitResult, name: str, progress: Progress | None = None) -> Profile:
+    """The profile likelihood of one parameter (Venzon & Moolgavkar 1988), of samples and priors.
 
     The noise's variance is profiled with the others; where noise remembers, its curvature is that of the error bar.
+    `progress` as in `fit_takes`.
     FitError for a name that was not fitted.
     """
-    evaluator, best = _solution(result)
+    evaluator, best = result.solved(progress)
     if name not in evaluator.unknowns.names:
         raise FitError(f'"{name}" was not fitted; fitted: {", ".join(evaluator.unknowns.names)}')
     place = evaluator.unknowns.names.index(name)
@@ -57,13 +48,15 @@ def _side(evaluator: Evaluator, best: Any, place: int, step: float, points: list
     low, high = (float(bound[place]) for bound in evaluator.unknowns.box)
     free = np.arange(best.z.size) != place
     least = _misfit(evaluator, best, best.z)
+    known = _known(evaluator, best.z)
     z, last = best.z.copy(), (float(best.z[place]), 0.0)
 
     def looked(at: float) -> tuple[float, float]:
         z[place] = at
         if free.any():
             z[:], _ = levenberg_marquardt(evaluator, z, 6, best.weighting, chosen=free, tol=1e-6)
-        points.append((at, best.uncertainty.drop(_misfit(evaluator, best, z), least, place)))
+        gained = _known(evaluator, z) - known
+        points.append((at, best.uncertainty.drop(_misfit(evaluator, best, z), least, place, gained)))
         return points[-1]
 
     longest = evaluator.unknowns.constants[place].transform.open_spread
@@ -96,18 +89,14 @@ def _between(inside: tuple[float, float], beyond: tuple[float, float]) -> float:
     return inside[0] + (float(np.sqrt(EDGE)) - a) / (b - a) * (beyond[0] - inside[0])
 
 
+def _known(evaluator: Evaluator, z: np.ndarray) -> float:
+    """Sum of squares of the priors' rows, in standard deviations."""
+    return 0.0 if evaluator.priors is None else float(np.sum(evaluator.priors.rows(z)[0] ** 2))
+
+
 def _misfit(evaluator: Evaluator, best: Any, z: np.ndarray) -> float:
     flat = best.weighting.residual(evaluator.residual(z)[0])
     return float(flat @ flat)
-
-
-@dataclasses.dataclass(frozen=True)
-class Contribution:
-    """How far parameters move where `what` is off by `by`, one standard uncertainty: `shift` by name, in their unit."""
-
-    what: str
-    by: str
-    shift: dict[str, float]
 
 
 def contributions(
@@ -115,6 +104,7 @@ def contributions(
     held: Mapping[str, float] | None = None,
     places: float | None = None,
     geometry: float | None = None,
+    progress: Progress | None = None,
 ) -> list[Contribution]:
     """The Type B list of a fit: `held`, name of a constant that was not fitted -> its relative standard uncertainty
     (density: 0.01); `places`: that of each marker's place on the body [m]; `geometry`: that of the soft bodies' size
@@ -124,7 +114,7 @@ def contributions(
     -(J'J)^-1 J' dr. Markers are off independently of each other. FitError for a constant that the scene lacks or the
     fit found.
     """
-    evaluator, best = _solution(result)
+    evaluator, best = result.solved(progress)
     residual, jacobian, _ = evaluator.linear(best.z)
     known = evaluator.priors  # its rows stand beside the samples', in standard deviations as these
     own, slope = known.rows(best.z) if known is not None else (np.zeros(0), np.zeros((0, best.z.size)))
@@ -189,7 +179,7 @@ def _changed(evaluator: Evaluator, change: Callable[[Any], dict[str, Any]]) -> E
     if priors is not None:
         data = tuple(each.on(**change(each.aside)) for each in priors.data)
         priors = dataclasses.replace(priors, data=data)
-    return Evaluator(pieces, evaluator.unknowns, None, priors)
+    return Evaluator(pieces, evaluator.unknowns, evaluator.progress, priors)
 
 
 def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:
@@ -204,16 +194,9 @@ def _moved_markers(evaluator: Evaluator, places: float) -> list[Evaluator]:
                 changed = piece.problem.replace(markers=moved_markers(markers, model, off))
                 pieces = list(evaluator.pieces)
                 pieces[k] = piece.on(changed)
-                found.append(Evaluator(pieces, evaluator.unknowns))
+                found.append(Evaluator(pieces, evaluator.unknowns, evaluator.progress))
     return found
 
 
 def _named(names: tuple[str, ...], shift: np.ndarray) -> dict[str, float]:
     return dict(zip(names, shift.tolist(), strict=True))
-
-
-def _solution(result: FitResult) -> tuple[Evaluator, Any]:
-    if result.solution is None:
-        raise FitError("this result holds no solution to go on from: take the one that fit returned")
-    evaluator, best = result.solution
-    return evaluator.apart(), best

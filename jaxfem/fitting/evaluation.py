@@ -162,9 +162,9 @@ class Evaluator:
         other.history = self.history
         return other
 
-    def apart(self) -> "Evaluator":
-        """The same fit with a history of its own, of which nobody is told."""
-        return Evaluator(self.pieces, self.unknowns, None, self.priors, self.variance)
+    def apart(self, progress: Progress | None = None) -> "Evaluator":
+        """The same fit with a history of its own, of which nobody else is told."""
+        return Evaluator(self.pieces, self.unknowns, progress, self.priors, self.variance)
 
     def residual(self, z: np.ndarray) -> tuple[list[np.ndarray], list[Outcome]]:
         """Residuals at z and the side results, those made before where they are kept; infinite where a simulation left

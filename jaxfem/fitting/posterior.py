@@ -20,18 +20,21 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.declared.errors import checked_choice
+from jaxfem.fitting.asked import Posterior
 from jaxfem.fitting.beside.rows import Aside, data_rows
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import BROKEN, Evaluator
 from jaxfem.fitting.objective import Plan, Problem, residuals
-from jaxfem.fitting.result import FitResult, Posterior
+from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import Judged
 from jaxfem.pytrees import Pytree, static
 
 Array = jax.Array
 KINDS = ("nuts", "walk")
-CHUNK = 50
-"""Draws between two looks at the clock."""
+CHUNK = 10
+"""Draws of each chain between two times that progress is told."""
+FEWEST = 20
+"""Draws of each chain that say something."""
 FIRST_STEP = 0.7
 BEST_WALK = 2.38  # over the root of the number of parameters (Roberts, Gelman & Gilks 1997)
 
@@ -71,14 +74,15 @@ def sample(
     `kind`: "nuts" (No-U-Turn sampler, Hoffman & Gelman 2014: 3 to 7 simulations with derivatives a draw) or "walk"
     (random walk Metropolis: one simulation a draw, and many more draws for the same information). Weights of robust
     losses and the noise's memory are those found with the solution. `progress(count)` is told how many draws of each
-    chain are made. FitError without blackjax, for parameters that samples leave open, and for counts that cannot be.
+    chain are made. Ctrl-C keeps those made so far. FitError without blackjax, for parameters that samples leave
+    open, and for counts that cannot be.
     """
     checked_choice("kind", kind, KINDS, FitError)
     for name, count, least in (("draws", draws, 10), ("chains", chains, 1), ("warmup", warmup, 20)):
         if isinstance(count, bool) or not isinstance(count, int) or count < least:
             raise FitError(f"{name} is {count!r}: give a whole number from {least} up")
     blackjax = blackjax_or_error()
-    evaluator, best = _solution(result)
+    evaluator, best = result.solved()
     data, density = _data(evaluator, best), _density(evaluator, kind)
     tune, first, run = _programs(blackjax, density, kind, warmup)
     keys = jax.random.split(jax.random.key(seed), 3)
@@ -88,15 +92,22 @@ def sample(
     found, told = [], []
     for number in range(0, draws, CHUNK):
         own = jax.random.split(jax.random.fold_in(keys[2], number), (CHUNK, chains))
-        state, (u, info) = run(own, state, tuned, data)
-        found.append(np.asarray(u, np.float64))
-        told.append([np.asarray(each, np.float64) for each in info])
+        try:
+            state, (u, info) = run(own, state, tuned, data)
+            made = np.asarray(u, np.float64), [np.asarray(each, np.float64) for each in info]
+        except KeyboardInterrupt:
+            if number < FEWEST:
+                raise
+            break
+        found.append(made[0])
+        told.append(made[1])
         if progress is not None:
             progress(min(draws, number + CHUNK))
     walked = np.concatenate(found)[:draws].swapaxes(0, 1)  # (C, N, P)
     accepted, divergent = (np.concatenate([each[k] for each in told])[:draws] for k in range(2))
     z = np.asarray(best.z) + walked @ np.asarray(data.shape, np.float64).T
     posterior = _posterior(blackjax, evaluator, z, kind, float(accepted.mean()), int(divergent.sum()))
+    posterior = dataclasses.replace(posterior, stopped=z.shape[1] < draws)
     return dataclasses.replace(result, posterior=posterior, warnings=(*result.warnings, *_doubts(posterior)))
 
 
@@ -107,12 +118,6 @@ def blackjax_or_error() -> Any:
     except ImportError as problem:
         raise FitError("posteriors need blackjax: pip install 'jaxfem[posterior]'") from problem
     return blackjax
-
-
-def _solution(result: FitResult) -> tuple[Evaluator, Judged]:
-    if result.solution is None:
-        raise FitError("this result holds no solution to go on from: take the one that fit returned")
-    return result.solution[0].apart(), result.solution[1]
 
 
 def _data(evaluator: Evaluator, best: Judged) -> Data:
@@ -242,6 +247,8 @@ def _posterior(
 def _doubts(found: Posterior) -> Sequence[str]:
     """Warnings of draws that do not tell the distribution."""
     texts = []
+    if found.stopped:
+        texts.append(f"posterior: drawing was interrupted after {found.values.shape[1]} draws of each chain")
     worst = max(found.scale_reduction, key=lambda name: found.scale_reduction[name])
     if not found.scale_reduction[worst] < 1.05:
         texts.append(

@@ -127,13 +127,21 @@ def fit_takes(
         start_faults(searching(evaluator), shared.starts[0], [each.measured for each in made], frames), checks
     )
     z, status, ends = searched(evaluator, shared, strategy)
-    best = judged(evaluator, made, z, noise, settings.polish if status == "converged" else 0, settings.tol)
-    evaluator.stage = "error bars"
-    told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
+    try:
+        best = judged(evaluator, made, z, noise, settings.polish if status == "converged" else 0, settings.tol)
+        evaluator.stage = "error bars"
+        told = [held_take(each, shared, best, noise, usual, parameters, own) for each in held]
+    except KeyboardInterrupt:  # the search is done: what it found is not lost
+        best, told, status = judged(evaluator, made, z, noise, 0, settings.tol), [], "interrupted"
     repairs = [text for each in (*made, *held) for text in each.notes] + outside(made[0].params, shared.unknowns)
     found = result_of(evaluator, made, shared, best, noise, told, status, faults, repairs, ends)
     found = dataclasses.replace(found, engine=evaluator.pieces[0].engine.name, reason=reason)
-    return found if status == "interrupted" else with_limits(found)
+    if status == "interrupted":
+        return found
+    try:
+        return with_limits(found)
+    except KeyboardInterrupt:
+        return dataclasses.replace(found, status="interrupted")
 
 
 def assembled(

@@ -9,14 +9,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from jaxfem.fitting.asked import Refinement
 from jaxfem.fitting.beside import data_of
 from jaxfem.fitting.climbing import levenberg_marquardt
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.evaluation import Evaluator, Piece
+from jaxfem.fitting.evaluation import Evaluator, Piece, Progress
 from jaxfem.fitting.markers import Markers, attach
 from jaxfem.fitting.paths import Placed, group_constants, marker_shifts, placed_constants
 from jaxfem.fitting.priors import Priors
-from jaxfem.fitting.result import FitResult, Refinement
+from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import Judged
 from jaxfem.fitting.takes import Take
 from jaxfem.solvers import Status
@@ -27,12 +28,13 @@ MESH_ORDER = 2
 """Of displacements of linear elements, on meshes fine enough; coarse ones fall more slowly."""
 
 
-def refine(result: FitResult, finer: Sequence[Take] = ()) -> FitResult:
+def refine(result: FitResult, finer: Sequence[Take] = (), progress: Progress | None = None) -> FitResult:
     """The result with its `refinements`: refits from the solution at half the time step and, where takes on a `finer`
     mesh are given, by the names of those that were fitted, on that. Held are the weights of the samples. A warning
-    names what the discretisation moves by more than its error bar. FitError for takes that do not match.
+    names what the discretisation moves by more than its error bar. `progress` as in `fit_takes`. FitError for takes
+    that do not match.
     """
-    evaluator, best = _solution(result)
+    evaluator, best = result.solved(progress)
     first = evaluator.pieces[0].problem
     halves = [piece.with_steps(2 * piece.plan.every) for piece in evaluator.pieces]
     step = f"{1e3 * float(first.dt):.3g} to {5e2 * float(first.dt):.3g} ms"
@@ -51,13 +53,6 @@ def refine(result: FitResult, finer: Sequence[Take] = ()) -> FitResult:
         )
     told = [text for each in found for text in _warnings(result, each)]
     return dataclasses.replace(result, refinements=tuple(found), warnings=(*result.warnings, *told))
-
-
-def _solution(result: FitResult) -> tuple[Evaluator, Judged]:
-    if result.solution is None:
-        raise FitError("this result holds no solution to go on from: take the one that fit returned")
-    evaluator, best = result.solution
-    return evaluator.apart(), best
 
 
 def _on(piece: Piece, take: Take) -> Piece:
@@ -95,7 +90,7 @@ def _refit(
     by: str,
     order: int,
 ) -> Refinement:
-    finer = Evaluator(pieces, evaluator.unknowns, None, known, evaluator.variance)
+    finer = Evaluator(pieces, evaluator.unknowns, evaluator.progress, known, evaluator.variance)
     finer.stage = "refine"
     z, loss = levenberg_marquardt(finer, best.z, ITERATIONS, best.weighting, tol=1e-6)
     failed = any(int(each.status) != int(Status.CONVERGED) for each in finer.residual(z)[1]) or not np.isfinite(loss)

@@ -7,8 +7,10 @@ import numpy as np
 
 from jaxfem.fitting.advice import text_of
 from jaxfem.fitting.agreement import Agreement
+from jaxfem.fitting.asked import Contribution, Posterior, Profile, Refinement
 from jaxfem.fitting.beside import Beside
-from jaxfem.fitting.evaluation import Visit
+from jaxfem.fitting.errors import FitError
+from jaxfem.fitting.evaluation import Evaluator, Progress, Visit
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.multistart import End, in_words
 from jaxfem.materials.constants import Constant
@@ -71,65 +73,6 @@ class TakeFit:
 
 
 @dataclasses.dataclass(frozen=True)
-class Refinement:
-    """A refit with a finer `what` ("time step" or "mesh"), `by` how much in words: its `values`, their `shift` from
-    those found, and the `estimate` of what the discretisation takes off them in all; `converged`: whether its steps
-    did."""
-
-    what: str
-    by: str
-    values: dict[str, float]
-    shift: dict[str, float]
-    estimate: dict[str, float]
-    converged: bool
-
-    def line(self) -> str:
-        """One line."""
-        told = ", ".join(f"{name} {each:+.2g}" for name, each in self.estimate.items())
-        return f"discretisation, {self.what} ({self.by}): about {told}"
-
-
-@dataclasses.dataclass(frozen=True)
-class Posterior:
-    """Draws from the distribution of the parameters that samples and priors leave: `values` (C, N, P) of C chains, in
-    the order of `names`; `kind` of the walk; `intervals` that hold 95 % of the draws, `means` and `deviations` by name;
-    `scale_reduction` (Gelman & Rubin 1992), near 1 where the chains agree, and `effective` number of independent draws
-    by name; `accepted`: mean acceptance; `divergent`: how many draws the integrator lost its way in."""
-
-    names: tuple[str, ...]
-    values: np.ndarray
-    kind: str
-    scale_reduction: dict[str, float]
-    effective: dict[str, float]
-    accepted: float
-    divergent: int
-
-    @property
-    def intervals(self) -> dict[str, tuple[float, float]]:
-        """Between which 95 % of the draws are."""
-        low, high = np.quantile(self.values.reshape(-1, len(self.names)), (0.025, 0.975), axis=0)
-        return dict(zip(self.names, zip(low.tolist(), high.tolist(), strict=True), strict=True))
-
-    @property
-    def means(self) -> dict[str, float]:
-        """Of all draws."""
-        return dict(zip(self.names, self.values.mean(axis=(0, 1)).tolist(), strict=True))
-
-    @property
-    def deviations(self) -> dict[str, float]:
-        """Standard deviations of all draws."""
-        return dict(zip(self.names, self.values.std(axis=(0, 1)).tolist(), strict=True))
-
-    def lines(self) -> list[str]:
-        """A line a parameter."""
-        return [
-            f"posterior of {name}: mean {self.means[name]:.5g} +- {self.deviations[name]:.2g} (95 %: {low:.5g} to "
-            f"{high:.5g}; about {self.effective[name]:.0f} independent draws)"
-            for name, (low, high) in self.intervals.items()
-        ]
-
-
-@dataclasses.dataclass(frozen=True)
 class FitResult:
     """What a fit found.
 
@@ -142,8 +85,9 @@ class FitResult:
     derivatives; `status`: "converged", "iteration limit", "steps failed" or "interrupted"; `warnings`: what may make
     values wrong; `repairs`: what was left out, repaired or noticed in the recordings; `refinements`: see
     `refine`; `agreement`: see `alone`; `ends`: where each start led, lowest loss first, if some were drawn;
-    `posterior`: see `sample`; simulations were made by `engine`, for that `reason`. `times`, `release`, `residuals` and
-    so on are those of the first take (see `TakeFit`).
+    `profiles` and `contributions`: see functions `profile` and `contributions`; `posterior`: see `sample`; simulations
+    were made by `engine`, for that `reason`. `times`, `release`, `residuals` and so on are those of the first take (see
+    `TakeFit`).
     """
 
     constants: tuple[Constant, ...]
@@ -165,11 +109,21 @@ class FitResult:
     repairs: tuple[str, ...] = ()
     refinements: tuple[Refinement, ...] = ()
     agreement: tuple[Agreement, ...] = ()
+    profiles: tuple[Profile, ...] = ()
+    contributions: tuple[Contribution, ...] = ()
     ends: tuple[End, ...] = ()
     posterior: Posterior | None = None
     engine: str = ""
     reason: str = ""
     solution: Any = dataclasses.field(default=None, repr=False)
+
+    def solved(self, progress: Progress | None = None) -> tuple[Evaluator, Any]:
+        """The fit as it is evaluated, apart from the search's history, and where it ended, to go on from; FitError
+        where nothing is kept. `progress` is told of each further simulation."""
+        if self.solution is None:
+            raise FitError("this result holds no solution to go on from: take the one that fit returned")
+        evaluator, best = self.solution
+        return evaluator.apart(progress), best
 
     @property
     def iterations(self) -> int:
@@ -238,6 +192,8 @@ class FitResult:
         lines += [f"  {in_words(self.ends)}"] if self.ends else []
         lines += [f"  {each.line()}" for each in self.refinements]
         lines += [f"  {each.line()}" for each in self.agreement]
+        lines += [f"  {each.line()}" for each in self.profiles]
+        lines += [f"  {each.line()}" for each in self.contributions]
         lines += [f"  {line}" for line in self.posterior.lines()] if self.posterior else []
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]

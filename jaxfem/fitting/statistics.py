@@ -35,16 +35,17 @@ class Uncertainty:
         spread = np.sqrt(np.maximum(np.diag(self.covariance), 0.0))  # rounding of what samples leave open
         return np.asarray(self.covariance / np.maximum(np.outer(spread, spread), np.finfo(float).tiny))
 
-    def drop(self, now: float, least: float, place: int) -> float:
-        """-2 log likelihood ratio of misfits, sums of squares, where one parameter is off its best value.
+    def drop(self, now: float, least: float, place: int, known: float = 0.0) -> float:
+        """-2 log likelihood ratio of misfits, sums of squares, where one parameter is off its best value; `known`: what
+        the squares of the priors' rows grow by.
 
         Scaled so that its curvature is that of the error bar, which knows of noise that remembers (Chandler & Bate
         2007).
         """
         ratio = self.plain[place, place] / self.covariance[place, place]
         if not np.isfinite(self.degrees):
-            return float(ratio * (now - least))
-        return float(ratio * self.degrees * np.log(now / least))
+            return float(ratio * (now - least + known))
+        return float(ratio * (self.degrees * np.log(now / least) + known))
 
     @property
     def factor(self) -> float:

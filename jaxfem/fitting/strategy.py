@@ -77,9 +77,13 @@ def searched(evaluator: Evaluator, shared: Shared, strategy: Strategy) -> tuple[
             z = min(ends, key=lambda end: end[2])[1]
     except KeyboardInterrupt:
         best = evaluator.best if evaluator.best is not None else coarse.best
-        if z is None and best is None:
+        known = [np.asarray(each) for each in (z, best) if each is not None]
+        if not known:
             raise
-        return z if z is not None else np.asarray(best), "interrupted", Ends()
+        if len(known) > 1:  # drawn starts may have found a better one
+            goal = Goal(evaluator, Plain())
+            known.sort(key=lambda each: goal.value(each, evaluator.residual(each)[0]))
+        return known[0], "interrupted", Ends()
     if not np.isfinite(evaluator.best_loss):
         raise FitError(
             "no trial gave a finite motion: check that the scene itself runs, take a smaller dt, or narrow the bounds"

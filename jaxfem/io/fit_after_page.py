@@ -5,25 +5,27 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from jaxfem.fitting.after import EDGE, Contribution, Profile
+from jaxfem.fitting.after import EDGE
+from jaxfem.fitting.asked import Contribution, Profile
 from jaxfem.fitting.fields import FieldFit, as_columns
 from jaxfem.fitting.result import FitResult
 from jaxfem.io.fit_svg import chart
 from jaxfem.model import Model
 
 
-def after_parts(
-    result: FitResult, profiles: Sequence[Profile] = (), contributions: Sequence[Contribution] = ()
-) -> list[str]:
-    """HTML of both, nothing of what is empty."""
+def after_parts(result: FitResult) -> list[str]:
+    """HTML of both, nothing of what was not asked for."""
     units = {each.name: each.unit for each in result.constants}
     parts = []
-    if profiles:
+    if result.profiles:
         parts += ["<h2>Profile likelihoods</h2>", '<div id="profiles">']
-        parts += [_profile(each, units[each.name]) for each in profiles]
+        parts += [_profile(each, units[each.name]) for each in result.profiles]
         parts.append("</div>")
-    if contributions:
-        parts += ["<h2>What held values and marker places add (Type B)</h2>", _table(result, contributions, units)]
+    if result.contributions:
+        parts += [
+            "<h2>What held values and marker places add (Type B)</h2>",
+            _table(result, result.contributions, units),
+        ]
     return parts
 
 

@@ -5,11 +5,13 @@ from typing import Any
 
 import numpy as np
 
+from jaxfem.fitting.asked import Posterior, Profile, Refinement
 from jaxfem.fitting.multistart import End
-from jaxfem.fitting.result import FitResult, Posterior, Refinement, TakeFit
+from jaxfem.fitting.result import FitResult, TakeFit
 
 FORMAT = "jaxfem-fit/1"
 NUMBER = {"type": "number"}
+NUMBERS = {"type": "array", "items": NUMBER}
 TEXTS = {"type": "array", "items": {"type": "string"}}
 PAIR = {"type": "array", "items": NUMBER, "minItems": 2, "maxItems": 2}
 OPEN_PAIR = {**PAIR, "items": {"type": ["number", "null"]}}
@@ -26,7 +28,7 @@ TAKE: dict[str, Any] = {
     "marker_scatter": NUMBER,
     "share_in_95_percent_band": NUMBER,
     "worst": {"type": "object", "required": ["marker", "axis", "residual_rms"]},
-    "autocorrelation": {"type": "array", "items": NUMBER},
+    "autocorrelation": NUMBERS,
     "values": NAMED,
     "beside": {
         "type": "array",
@@ -42,11 +44,11 @@ FIELDS: dict[str, Any] = {
     "starts": NAMED,
     "bounds": {"type": "object", "additionalProperties": PAIR},
     "units": {"type": "object", "additionalProperties": {"type": "string"}},
-    "correlation": {"type": "array", "items": {"type": "array", "items": NUMBER}},
+    "correlation": {"type": "array", "items": NUMBERS},
     "weakest": {"type": "string"},
     "loss": NUMBER,
     "samples_that_tell_the_same": NUMBER,
-    "noise_memory": {"type": "array", "items": NUMBER},
+    "noise_memory": NUMBERS,
     "noise_sigmas": NAMED,
     "takes": {"type": "array", "minItems": 1, "items": {"type": "object", "required": list(TAKE), "properties": TAKE}},
     "simulations": {"type": "integer"},
@@ -61,6 +63,18 @@ FIELDS: dict[str, Any] = {
             "properties": {"values": NAMED, "errors": NAMED, "chance": NUMBER, "interval": PAIR},
         },
     },
+    "profiles": {
+        "type": "array",
+        "items": {
+            "type": "object",
+            "required": ["name", "interval_95", "values", "drop"],
+            "properties": {"interval_95": OPEN_PAIR, "values": NUMBERS, "drop": NUMBERS},
+        },
+    },
+    "type_b": {
+        "type": "array",
+        "items": {"type": "object", "required": ["what", "by", "shift"], "properties": {"shift": NAMED}},
+    },
     "starts_followed": {
         "type": "array",
         "items": {
@@ -74,7 +88,8 @@ FIELDS: dict[str, Any] = {
         "required": ["kind", "intervals_95", "means", "deviations", "independent_draws", "scale_reduction", "draws"],
         "properties": {
             "intervals_95": {"type": "object", "additionalProperties": PAIR},
-            "draws": {"type": "object", "additionalProperties": {"type": "array", "items": NUMBER}},
+            "stopped": {"type": "boolean"},
+            "draws": {"type": "object", "additionalProperties": NUMBERS},
         },
     },
     "repairs": TEXTS,
@@ -119,6 +134,8 @@ def as_json(result: FitResult) -> dict[str, Any]:
         "engine": result.engine,
         "discretisation": [_refinement(each) for each in result.refinements],
         "takes_alone": [dataclasses.asdict(each) | {"interval": list(each.interval)} for each in result.agreement],
+        "profiles": [_profile(each) for each in result.profiles],
+        "type_b": [dataclasses.asdict(each) for each in result.contributions],
         "starts_followed": [_end(each) for each in result.ends],
         "posterior": None if result.posterior is None else _posterior(result.posterior),
         "repairs": list(result.repairs),
@@ -135,6 +152,16 @@ def _refinement(each: Refinement) -> dict[str, Any]:
         "shift": each.shift,
         "estimate": each.estimate,
         "converged": each.converged,
+    }
+
+
+def _profile(each: Profile) -> dict[str, Any]:
+    """A curve, and where it passes 3.84."""
+    return {
+        "name": each.name,
+        "interval_95": [_finite(end) for end in each.interval],
+        "values": each.values.tolist(),
+        "drop": each.drop.tolist(),
     }
 
 
@@ -159,6 +186,7 @@ def _posterior(found: Posterior) -> dict[str, Any]:
         "scale_reduction": found.scale_reduction,
         "accepted": found.accepted,
         "divergent": found.divergent,
+        "stopped": found.stopped,
         "draws": digits,
     }
 

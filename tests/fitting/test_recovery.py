@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.fitting import FitError, Recording, Search, attach, marker_positions
+from jaxfem.fitting import FitError, Recording, Search, attach, marker_positions, recovery
 from jaxfem.fitting.evaluation import Near
 from jaxfem.fitting.objective import interpolated
 from jaxfem.fitting.statistics import ringing_frequency
@@ -139,6 +139,30 @@ def test_an_interruption_keeps_the_best(beam):
     result = beam.fit(beam.recording(), FAR_OFF[0], progress=stop)
     assert result.status == "interrupted"
     assert 0.3 < result.values["young"] / TRUE["young"] < 3
+
+
+@pytest.mark.parametrize("stage", ["judged", "with_limits"])
+def test_an_interruption_behind_the_search_keeps_what_it_found(beam, stage, monkeypatch):
+    usual, calls = getattr(recovery, stage), []
+
+    def stopped(*given):
+        calls.append(given)
+        if len(calls) == 1:
+            raise KeyboardInterrupt
+        return usual(*given)
+
+    monkeypatch.setattr(recovery, stage, stopped)
+    result = beam.fit(beam.recording(), {})
+    assert result.status == "interrupted" and result.values == pytest.approx(TRUE, rel=1e-3)
+
+
+def test_an_interruption_of_drawn_starts_keeps_the_best_of_all(beam):
+    def stop(stage, iteration, loss, values):
+        if stage == "starts":
+            raise KeyboardInterrupt
+
+    result = beam.fit(beam.recording(), {}, progress=stop, multi_start=3, engine="vmap")
+    assert result.status == "interrupted" and result.values == pytest.approx(TRUE, rel=1e-3)
 
 
 def test_an_end_at_a_bound_is_said(beam):

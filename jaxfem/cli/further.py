@@ -1,0 +1,48 @@
+"""What `jaxfem fit` is asked for beyond the fit. Each may take longer than the fit itself, fail or be interrupted: what
+was found before it stays."""
+
+import dataclasses
+from collections.abc import Callable, Sequence
+
+from jaxfem.cli.exits import DONE, FAILED, INTERRUPTED
+from jaxfem.cli.messages import error
+from jaxfem.cli.progress import Ticker
+from jaxfem.fitting import FitError, FitResult, Take, contributions, profile
+
+Step = tuple[str, Callable[[FitResult, Ticker], FitResult]]
+"""Its name in words, and what makes of a result one that knows more."""
+
+
+def gone_on(result: FitResult, steps: Sequence[Step]) -> tuple[FitResult, int]:
+    """The result after all steps, and the exit code. One that fails is told and left out; an interruption ends them."""
+    code = DONE
+    for number, (name, made) in enumerate(steps):
+        try:
+            with Ticker(name) as ticker:
+                result = made(result, ticker)
+        except FitError as problem:
+            error(f"{name}: {problem}; the fit itself is written")
+            code = FAILED
+        except KeyboardInterrupt:
+            missing = ", ".join(name for name, _ in steps[number:])
+            error(f"interrupted; the fit itself is written, without {missing}")
+            return result, INTERRUPTED
+    if result.posterior is not None and result.posterior.stopped:
+        code = INTERRUPTED
+    return result, code
+
+
+def with_profiles(result: FitResult, ticker: Ticker) -> FitResult:
+    """Profile likelihoods of all that was fitted but marker places."""
+    names = [name for name in result.values if not name.startswith("marker.")]
+    return dataclasses.replace(result, profiles=tuple(profile(result, name, ticker.show) for name in names))
+
+
+def with_contributions(result: FitResult, ticker: Ticker, takes: Sequence[Take]) -> FitResult:
+    """Type B of 1 % in the density and the size of soft bodies, and of 1 mm in marker places that were not fitted."""
+    held = {} if "density" in result.values else {"density": 0.01}
+    models = [take.model for take in takes]
+    follows = all(model.bodies and all(hasattr(load, "reshaped") for load in model.loads) for model in models)
+    shifts = any(name.startswith("marker.") for name in result.values)
+    added = contributions(result, held, None if shifts else 1e-3, 0.01 if follows else None, ticker.show)
+    return dataclasses.replace(result, contributions=tuple(added))
