@@ -143,9 +143,9 @@ def _verdict(folder: Path, result: FitResult, seconds: float) -> str:
         lines.append(f"{name:<11}{START[name]:>12.4g}{true:>12.4g}{value:>12.4g} +- {bar:.2g}")
     lines += [f"note: {text}" for text in result.warnings]
     lines.append(
-        "note: the recording was simulated with the fit's own step, so the step's damping is in both; a filmed"
+        "note: the recording was simulated with the fit's own step and mesh, so what these do is in both; a filmed"
     )
-    lines.append("      body has none of it, which is what a note on the time step's damping above warns of")
+    lines.append("      body has none of it, which is what notes on the time step's damping and the mesh above warn of")
     lines += [
         "",
         f"All in {seconds:.0f} s. Look at, in {folder}:",

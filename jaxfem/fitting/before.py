@@ -7,6 +7,7 @@ apart at all.
 
 import dataclasses
 from collections.abc import Sequence
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -16,13 +17,21 @@ from jaxfem.fitting.clock_checks import jump_faults, pace_faults, pauses_in_word
 from jaxfem.fitting.course_checks import course_faults, rigid_faults
 from jaxfem.fitting.direction_checks import direction_faults
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.evaluation import BROKEN, Evaluator
+from jaxfem.fitting.evaluation import BROKEN, Evaluator, Piece
 from jaxfem.fitting.markers import Markers, carried
 from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
-from jaxfem.fitting.start_checks import again_faults, bounce_faults, camera_faults, late_faults, leap_faults
+from jaxfem.fitting.start_checks import (
+    again_faults,
+    bounce_faults,
+    camera_faults,
+    late_faults,
+    leap_faults,
+    release_faults,
+)
+from jaxfem.fitting.swings import swing_faults
 from jaxfem.fitting.unknowns import Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State, nodal_mass
@@ -56,9 +65,10 @@ def written_faults(
     frame: str,
     compare: str,
     late: bool = False,
+    release: Any = "auto",
 ) -> tuple[list[str], list[str]]:
     """(faults, notes) of the recording as it stands, without a simulation; `late`: whether what is
-    fitted changes how, or when, the motion begins."""
+    fitted changes how, or when, the motion begins; `release` as in `fit`."""
     if recording.camera is not None:
         nominal = np.asarray(pixels(jnp.asarray(recording.camera), jnp.asarray(nominal)))
         faults = pixel_faults(measured.stood, nominal, recording.names)
@@ -71,8 +81,12 @@ def written_faults(
         faults = [
             *camera_faults(recording, is_held(model)),
             *([*again_faults(recording, measured), *leap_faults(measured, recording.names)] if is_held(model) else []),
-            *late_faults(measured, falling(model, params, state, late)),
         ]
+    from_rest = falling(model, params, state, late)
+    if not faults and from_rest and not isinstance(release, str):
+        faults = release_faults(recording, measured, float(release))
+    if not faults:
+        faults = late_faults(measured, from_rest)
     return faults, [*notes, *pauses_in_words(recording)]
 
 
@@ -164,6 +178,24 @@ def start_faults(
         joined = np.concatenate([joined, prior], axis=1)
     eps = float(jnp.finfo(evaluator.pieces[0].problem.model.rest.dtype).eps)
     return faults + open_faults(joined, evaluator.unknowns, size**0.5, eps)
+
+
+def clock_faults(evaluator: Evaluator, z: np.ndarray, measured: Sequence[Measurement]) -> list[str]:
+    """What simulations say of the clock at a z at which bodies sink about as far as was measured."""
+    faults, turned = [], sets_in_motion(evaluator.unknowns.names)
+    outcomes = evaluator.residual(z)[1]
+    for piece, taken, outcome in zip(evaluator.pieces, measured, outcomes, strict=True):
+        if Status(int(outcome.status)) not in BROKEN and _swings_freely(piece, turned):
+            simulated, dt = np.asarray(outcome.simulated, np.float64), float(piece.problem.dt)
+            faults += swing_faults(simulated, taken, dt, piece.problem.model.scheme.order)
+    return faults
+
+
+def _swings_freely(piece: Piece, turned: bool) -> bool:
+    """Whether displacements are compared of an elastic body that is held, and let go under its own weight."""
+    problem, model = piece.problem, piece.problem.model
+    from_rest = is_held(model) and not model.has_memory and falling(model, problem.params, problem.state, turned)
+    return bool(from_rest) and problem.camera is None and piece.plan.compare == "displacement"
 
 
 def open_faults(columns: np.ndarray, unknown: Unknowns, size: float, eps: float) -> list[str]:

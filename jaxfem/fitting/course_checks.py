@@ -63,7 +63,7 @@ def course_faults(
     `nominal` (M, 3): the markers' given places. Without `certain`, where the body itself may creep, what it may be is a
     note."""
     marks = np.flatnonzero(recording.seen.mean(axis=0) > FEWEST)
-    places = _filled(recording.positions[:, marks]) if marks.size > 1 and recording.unit != "px" else None
+    places = filled(recording.positions[:, marks]) if marks.size > 1 and recording.unit != "px" else None
     period = None if places is None else _period(places)
     if places is None or period is None or len(places) < PERIODS * period:
         return [], []
@@ -248,8 +248,8 @@ def rigid_faults(recording: Recording, carried: Mapping[str, int]) -> list[str]:
             warnings.simplefilter("ignore", RuntimeWarning)  # of pairs that are not seen together
             first, last = (np.nanmedian(apart[rows], axis=0) for rows in (ends[0], ends[-1]))
         changed = np.nan_to_num(np.abs(last - first))
-        filled = _filled(places)
-        noise = 0.0 if filled is None else OFF * _noise(filled) * (ENDS / len(places)) ** 0.5 * 2
+        known = filled(places)
+        noise = 0.0 if known is None else OFF * _noise(known) * (ENDS / len(places)) ** 0.5 * 2
         if changed.max() <= max(RIGID * float(np.nanmax(first)), noise):
             continue
         of = changed.sum(axis=1)
@@ -269,7 +269,7 @@ def _loosens(names: Sequence[str], worst: int, off: float) -> str:
     )
 
 
-def _filled(places: np.ndarray) -> np.ndarray | None:
+def filled(places: np.ndarray) -> np.ndarray | None:
     """Places (T, m, 3) with missing ones between their neighbours; None where a marker has none."""
     seen, rows, filled = np.isfinite(places).all(axis=-1), np.arange(len(places)), places.copy()
     if not seen.any(axis=0).all():

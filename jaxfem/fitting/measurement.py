@@ -124,7 +124,7 @@ def release_index(recording: Recording, release: Any) -> tuple[int, int, int]:
             f"release = {release:g} s is outside the recording, which runs from {recording.times[0]:g} to "
             f"{recording.times[-1]:g} s"
         )
-    row = int(np.searchsorted(recording.times, release - slack))
+    row = int(np.argmin(np.abs(recording.times - release)))  # the nearest one
     return row, row, row
 
 

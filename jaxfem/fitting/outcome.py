@@ -7,19 +7,24 @@ import numpy as np
 
 from jaxfem.fitting.advice import advice, sample_advice, smooth, weakest_in_words
 from jaxfem.fitting.agreement import first_order
+from jaxfem.fitting.before import falling, is_held, sets_in_motion
 from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.climbing import levenberg_marquardt
+from jaxfem.fitting.coarseness import coarse_warnings
 from jaxfem.fitting.evaluation import Evaluator, Piece
+from jaxfem.fitting.markers import marker_places
 from jaxfem.fitting.multistart import doubts, waterfall
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.objective import Outcome
 from jaxfem.fitting.paths import with_all
+from jaxfem.fitting.place_checks import most_turned
 from jaxfem.fitting.release import scatter
 from jaxfem.fitting.result import FitResult, TakeFit, astray, beside_in_words
 from jaxfem.fitting.rounds import Judged
 from jaxfem.fitting.sharing import Shared, all_shifts, shared_unknowns
 from jaxfem.fitting.statistics import autocorrelation
 from jaxfem.fitting.suspects import told_suspects, unfollowed
+from jaxfem.fitting.swings import swing_warnings
 from jaxfem.fitting.takes import Prepared, compiled_piece, data_beside
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
@@ -56,14 +61,17 @@ def result_of(
     fall = waterfall(unknown, ends, evaluator.samples, spread.inflation) if ends else ()
     failures = evaluator.step_failures if failed else 0
     dt = float(piece.problem.dt)
+    turns = [most_turned(one.measured.stood, marker_places(one.markers, one.state), one.take.frame) for one in made]
     warnings = [
         *doubts(fall),
         *advice(
             first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
         ),
         *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
+        *(paces := _paces(made, takes, unknown)),
+        *_coarse(made, takes, unknown, bars),
         *(doubted := unfollowed(spread, takes)),
-        *(told_suspects(takes, evaluator, jacobian) if doubted or smooth(spread) else []),
+        *(told_suspects(takes, evaluator, jacobian, turns) if not paces and (doubted or smooth(spread)) else []),
         *(text for each in takes for text in beside_in_words(each)),
         *(text for each, one in zip(takes, made, strict=True) for text in astray(each, one.measured)),
         *first_order(evaluator, best, residual, jacobian, [each.take.name for each in made]),
@@ -89,6 +97,30 @@ def result_of(
         ends=fall,
         solution=(evaluator.apart(), best),  # without the caller's `progress`, and what it holds
     )
+
+
+def _paces(made: Sequence[Prepared], takes: Sequence[TakeFit], unknown: Unknowns) -> list[str]:
+    """Warnings of takes that sink too far, or too little, for how they ring."""
+    texts, late = [], sets_in_motion(unknown.names)
+    for one, take in zip(made, takes, strict=True):
+        model = one.take.model
+        if is_held(model) and one.take.compare == "displacement" and falling(model, one.params, one.state, late):
+            texts += swing_warnings(take, model.scheme.order)
+    return texts
+
+
+def _coarse(made: Sequence[Prepared], takes: Sequence[TakeFit], unknown: Unknowns, bars: np.ndarray) -> list[str]:
+    """Warnings of meshes that put a stiffness off that was fitted, each of them once."""
+    axis = unknown.scanned
+    if axis is None:
+        return []
+    different = {id(one.take.model): (one, take) for one, take in zip(reversed(made), reversed(takes), strict=True)}
+    return [
+        text
+        for one, take in reversed(different.values())
+        if is_held(one.take.model)
+        for text in coarse_warnings(take.name, one.take.model, take.params, float(bars[axis]))
+    ]
 
 
 def intervals(evaluator: Evaluator, z: np.ndarray, half: np.ndarray) -> dict[str, tuple[float, float]]:

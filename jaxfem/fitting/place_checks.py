@@ -6,16 +6,19 @@ says whether a unit, two names exchanged or a mirrored axis explains it.
 
 import itertools
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 import numpy as np
 
 from jaxfem.fitting.formats.units import LENGTHS
+from jaxfem.fitting.frames import rigid_fit
 
 Faults = Iterator[str]
 CLOSE = 0.25  # by which a ratio of lengths may differ from a unit's
 LOOSE = 0.1  # of the cloud's size: places are known to a few hundredths of it
 BETTER = 0.3  # share of the misfit that an explanation may leave
 AXES = "xyz"
+LEAST_TURN = 0.01  # rad by which axes may be turned whatever markers say
 _SCALED = "their given places, as inches taken for cm do: correct their unit, or see that both are of the same body"
 
 
@@ -67,6 +70,21 @@ def unit_faults(measured: np.ndarray, nominal: np.ndarray, names: Sequence[str],
     named = [name for name, there in zip(names, known, strict=True) if there]
     left, words = min(_columns(p, q, named, frame), key=lambda each: each[0])
     return [words] if left < 0.5 * LOOSE * size else faults
+
+
+def most_turned(measured: np.ndarray, nominal: Any, frame: str) -> float:
+    """The largest angle [rad] by which the recording's axes may be turned, where markers stood at `measured` (M, 3) [m]
+    before the release, NaN where unknown; infinite where that tells nothing of axes, as displacements do."""
+    known, places = np.isfinite(measured).all(axis=-1), np.asarray(nominal, np.float64)
+    if known.sum() < 3:
+        return float("inf")
+    p, q = measured[known], places[known]
+    size = _spread(q)
+    if _spread(p) < 0.5 * size:
+        return float("inf")
+    rotation = np.asarray(rigid_fit(p, q, np.ones(len(p)))[0])
+    turned = float(np.arccos(np.clip(0.5 * (np.trace(rotation) - 1), -1.0, 1.0)))
+    return (turned if frame == "none" else 0.0) + 3 * _rigid_misfit(p, q) / size + LEAST_TURN
 
 
 def pixel_faults(measured: np.ndarray, nominal: np.ndarray, names: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from jaxfem.declared.errors import checked_choice
-from jaxfem.fitting.before import outside, refuse, sets_in_motion, start_faults
+from jaxfem.fitting.before import clock_faults, outside, refuse, sets_in_motion, start_faults
 from jaxfem.fitting.engines import AUTO
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress
@@ -20,7 +20,7 @@ from jaxfem.fitting.priors import Gaussian, checked_priors
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
-from jaxfem.fitting.search import Search
+from jaxfem.fitting.search import Search, as_far
 from jaxfem.fitting.sharing import Shared, all_shifts, check_own, shared_unknowns
 from jaxfem.fitting.strategy import Strategy, checked_strategy, searched, searching
 from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, data_beside, prepared
@@ -123,10 +123,11 @@ def fit_takes(
     usual = usual_scales(made)
     frames = [each.take.frame for each in made]
     faults = [text for each in (*made, *held) for text in each.faults]
-    faults += refuse(
-        start_faults(searching(evaluator), shared.starts[0], [each.measured for each in made], frames), checks
-    )
-    z, status, ends = searched(evaluator, shared, strategy)
+    coarse, cut = searching(evaluator), [each.measured for each in made]
+    faults += refuse(start_faults(coarse, shared.starts[0], cut, frames), checks)
+    if (axis := shared.unknowns.scanned) is not None and (z := as_far(coarse, shared.starts[0], axis)) is not None:
+        faults += refuse(clock_faults(coarse, z, cut), checks)
+    z, status, ends = searched(evaluator, coarse, shared, strategy)
     try:
         best = judged(evaluator, made, z, noise, settings.polish if status == "converged" else 0, settings.tol)
         evaluator.stage = "error bars"

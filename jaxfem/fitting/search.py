@@ -116,13 +116,21 @@ def stiffness_range(evaluator: Evaluator, start: np.ndarray, axis: int) -> tuple
     """Where to scan log E: a factor of six about a value at which the body moves about as far as measured, found by E
     <- E times the ratio of both; all of the bounds where that leads nowhere, as under a prescribed motion."""
     low, high = (float(bound[axis]) for bound in evaluator.unknowns.box)
+    z = as_far(evaluator, start, axis)
+    return (low, high) if z is None else (max(low, z[axis] - np.log(6.0)), min(high, z[axis] + np.log(6.0)))
+
+
+def as_far(evaluator: Evaluator, start: np.ndarray, axis: int) -> np.ndarray | None:
+    """The start (P,) with the stiffness at which the body moves about as far as measured; None where none is found."""
+    low, high = (float(bound[axis]) for bound in evaluator.unknowns.box)
     value = float(start[axis])
     for _ in range(JUMPS):
-        ratio = _excursion_ratio(evaluator, evaluator.residual(_changed(start, axis, value))[1])
+        z = _changed(start, axis, value)
+        ratio = _excursion_ratio(evaluator, evaluator.residual(z)[1])
         if 0.5 < ratio < 2.0:
-            return max(low, value - np.log(6.0)), min(high, value + np.log(6.0))
+            return z
         value = float(np.clip(value + np.clip(np.log(ratio), -8.0, 3.0), low, high)) if ratio > 0 else low
-    return low, high
+    return None
 
 
 def _changed(z: np.ndarray, axis: int, value: float) -> np.ndarray:

@@ -1,5 +1,6 @@
 """Does a recording hold one motion from its start, seen by a camera that stands still? By what no body does."""
 
+import dataclasses
 from collections.abc import Sequence
 
 import numpy as np
@@ -16,6 +17,8 @@ TOPS = 3  # times that it is highest
 RISES = 0.05  # of its motion: smaller ones are none
 AROUND = 2.7  # times the two rows before and behind: of a swing, however sampled, twice at most
 LEAP = 0.1  # of the motion: a smaller one is none
+JUST_BEFORE = 3  # rows before a release
+MOVES, CLEAR = 0.05, 8.0  # of the motion, and times the noise: who is held does not
 SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
 
 
@@ -35,6 +38,34 @@ def late_faults(measured: Measurement, gravity: float | None) -> list[str]:
         f"the release: markers move by {1e3 * steps.max():.3g} mm in the first {seconds:.3g} s, where a body that is "
         f"let go falls by {1e3 * fall:.2g} mm: it moves already. Give release = TIME of the last row in which it is "
         "held; where the recording begins later, record again. Or times run too fast: see their unit and rate"
+    ]
+
+
+def release_faults(recording: Recording, measured: Measurement, release: float) -> list[str]:
+    """A `release` that was given [s], of a body that is held until then: markers move before it, or stand still for
+    long behind it."""
+    rows = recording.times <= measured.begins[0] + measured.times[-1] + 0.5 * measured.spacing
+    part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
+    row = int(np.searchsorted(part.times, measured.begins[0] - 0.5 * measured.spacing))
+    try:
+        s, found = motion_along_shape(part), find_release(part)
+    except FitError:
+        return []
+    before = s[max(0, row - JUST_BEFORE) : row + 1]
+    before = before[np.isfinite(before)]
+    moved = float(np.ptp(before)) if before.size else 0.0
+    if moved > max(MOVES * float(np.nanmax(s) - np.nanmin(s)), CLEAR * scatter(s[np.isfinite(s)])):
+        since = f": they seem to be let go at {part.times[found.row]:g} s" if found.row < row else ""
+        return [
+            f"the release: markers move before the release = {release:g} s that was given, by {1e3 * moved:.3g} mm in "
+            f'the {len(before)} rows before it{since}. Give the last row in which the body is held, or release = "auto"'
+        ]
+    if found.vague or found.low - row <= max(2.0, found.rise / 3):
+        return []
+    return [
+        f"the release: markers stand still for {found.row - row} rows behind the release = {release:g} s that was "
+        f"given, until {part.times[found.row]:g} s: the simulation would begin without them. Give the last row in "
+        'which the body is held, or release = "auto"; or fit "delay"'
     ]
 
 

@@ -52,10 +52,12 @@ def searching(evaluator: Evaluator) -> Evaluator:
     return evaluator.with_steps(1) if most >= MANY_SUBSTEPS else evaluator
 
 
-def searched(evaluator: Evaluator, shared: Shared, strategy: Strategy) -> tuple[np.ndarray, str, Ends]:
-    """(z, status, ends of all starts): the best point found. The first of the ends is the usual search's; there are
-    none where no starts were drawn."""
-    coarse, search, z, ends = searching(evaluator), strategy.search, None, Ends()
+def searched(
+    evaluator: Evaluator, coarse: Evaluator, shared: Shared, strategy: Strategy
+) -> tuple[np.ndarray, str, Ends]:
+    """(z, status, ends of all starts): the best point found; `coarse`: the same fit with fewer steps. The first of the
+    ends is the usual search's; there are none where no starts were drawn."""
+    search, z, ends = strategy.search, None, Ends()
     try:
         z = _found(evaluator, coarse, shared.starts, strategy)
         polished = sum(visit.stage == "polish" for visit in evaluator.history)

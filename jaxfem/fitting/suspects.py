@@ -58,10 +58,11 @@ class Cause(NamedTuple):
     believed: tuple[float, float]
 
 
-def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray) -> list[str]:
+def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray, turn: float = np.inf) -> list[str]:
     """Causes in words, one or two of which tell most of the residuals; none where these do not.
 
-    `weights` (T, M, 3) of the samples, `jacobian` (P, T, M, 3) of the weighted residuals.
+    `weights` (T, M, 3) of the samples, `jacobian` (P, T, M, 3) of the weighted residuals; `turn`: the largest angle
+    [rad] by which axes may be turned.
     """
     there = (weights > 0) & np.isfinite(take.residuals)
     if len(take.times) < FEWEST or not np.isfinite(jacobian[:, there]).all():  # the latter: of steps that failed
@@ -73,7 +74,7 @@ def suspects(take: TakeFit, weights: np.ndarray, jacobian: np.ndarray) -> list[s
     found, told = list[str](), 0.0
     while whole > 0 and len(found) < AT_ONCE and told < TOLD:
         best_of: dict[str, _Part] = {}
-        for cause in _causes(take):  # made anew: those of a long recording are large together
+        for cause in _causes(take, turn):  # made anew: those of a long recording are large together
             part = _part(cause, (weights * cause.columns)[:, there].T, known, left)
             best_of[cause.kind] = max(best_of.get(cause.kind, part), part, key=lambda each: each.told)
         parts = sorted(best_of.values(), key=lambda each: -each.told)
@@ -126,11 +127,13 @@ def unfollowed(uncertainty: Uncertainty, takes: Sequence[TakeFit]) -> list[str]:
     ]
 
 
-def told_suspects(takes: Sequence[TakeFit], evaluator: Evaluator, jacobian: Sequence[np.ndarray]) -> list[str]:
-    """A warning for each take whose residuals look like an error of its recording."""
+def told_suspects(
+    takes: Sequence[TakeFit], evaluator: Evaluator, jacobian: Sequence[np.ndarray], turns: Sequence[float]
+) -> list[str]:
+    """A warning for each take whose residuals look like an error of its recording; `turns` [rad] that axes may have."""
     texts = []
-    for take, piece, columns in zip(takes, evaluator.pieces, jacobian, strict=True):
-        if found := suspects(take, np.asarray(piece.problem.weights, np.float64), columns):
+    for take, piece, columns, turn in zip(takes, evaluator.pieces, jacobian, turns, strict=True):
+        if found := suspects(take, np.asarray(piece.problem.weights, np.float64), columns, turn):
             where = f"{take.name}: " if len(takes) > 1 else ""
             texts.append(
                 f"{where}what is left looks as if {' and '.join(found)}. If the recording is so, mend it and fit "
@@ -139,7 +142,7 @@ def told_suspects(takes: Sequence[TakeFit], evaluator: Evaluator, jacobian: Sequ
     return texts
 
 
-def _causes(take: TakeFit) -> Iterator[Cause]:
+def _causes(take: TakeFit, turn: float) -> Iterator[Cause]:
     """All that are looked for. Velocities are the mean of those simulated and measured: lags may then be long."""
     from scipy.ndimage import gaussian_filter1d
 
@@ -156,7 +159,8 @@ def _causes(take: TakeFit) -> Iterator[Cause]:
     yield Cause("release", velocity[None], partial(_late, "all motion", "where the release was found", interval), lags)
     yield Cause("scale", -moved[None], partial(_scaled, "all markers move"), SHARE)
     if take.unit == "m":
-        yield Cause("axes", np.stack([-np.cross(axis, moved) for axis in np.eye(3)]), _turned, ANGLE)
+        believed = ANGLE[0], min(ANGLE[1], turn)
+        yield Cause("axes", np.stack([-np.cross(axis, moved) for axis in np.eye(3)]), _turned, believed)
     for number, name in enumerate(take.markers):
         of = (np.arange(len(take.markers)) == number).astype(float)[:, None]
         yield Cause("marker", (of * velocity)[None], partial(_late, name, "the others", interval), lags)

@@ -25,6 +25,9 @@ from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
 from jaxfem.stepping import check_call, typed
 
+BETWEEN = 0.02
+"""Of the samples' spacing: a release nearer to a row is that row's."""
+
 
 @dataclasses.dataclass(frozen=True)
 class Take:
@@ -105,15 +108,26 @@ def prepared(take: Take, checks: str, late: bool = False) -> Prepared:
         refuse(looked_through(*of, (-np.inf, np.inf))[0], checks)
         raise
     scene = take.model, params, state
-    faults, notes = written_faults(recording, measured, nominal, *scene, take.frame, take.compare, late)
+    faults, notes = written_faults(recording, measured, nominal, *scene, take.frame, take.compare, late, take.release)
     if not faults:
         end = measured.begins[0] + float(measured.times[-1]) + 0.5 * measured.spacing
         begin = recording.times[0] if isinstance(take.release, str) else measured.begins[0]
         faults, suspicions = looked_through(*of, (begin, end))
         notes += suspicions
     faults = refuse(faults, checks)
-    notes = [*recording.notes, *told, *notes]
+    notes = [*recording.notes, *told, *_rounded(take.release, measured), *notes]
     return Prepared(take, params, state, markers, recording, measured, tuple(faults), tuple(notes))
+
+
+def _rounded(release: Any, measured: Measurement) -> list[str]:
+    """A note of a release that was given between rows."""
+    off = 0.0 if isinstance(release, str) else measured.begins[0] - float(release)
+    if abs(off) < BETWEEN * measured.spacing:
+        return []
+    return [
+        f"release = {release:g} s lies between rows: the motion is taken to begin at that of {measured.begins[0]:g} s, "
+        f'{1e3 * abs(off):.2g} ms {"later" if off > 0 else "earlier"}; fit "delay" to find the rest'
+    ]
 
 
 def compiled_piece(
