@@ -27,8 +27,11 @@ FINE = 3.0
 """Rows of a cycle at least."""
 WRONG, NEAR = 1.4, 4.0
 """By which factor a clock is refused, and how far a start may sink beside what was measured."""
-TOLD = 0.95
+TOLD = 0.85
 """Share of the motion that one mode is to tell."""
+APART = 0.2
+"""Cycles in all by which rates to begin from differ: of more, a search would end in a minimum beside."""
+MOST_ROWS = 300
 RATIOS = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9])
 """Damping ratios to begin from."""
 MOST = 0.4
@@ -51,6 +54,7 @@ def swing(times: np.ndarray, motion: np.ndarray) -> Swing | None:
     little, or rings too little or too fast to say."""
     from scipy.optimize import least_squares
 
+    times, motion = times[:MOST_ROWS], motion[:MOST_ROWS]
     spacing = float(np.median(np.diff(times)))
 
     def shape(x: np.ndarray) -> np.ndarray:
@@ -65,7 +69,8 @@ def swing(times: np.ndarray, motion: np.ndarray) -> Swing | None:
     slowest, fastest = 2 * np.pi * CYCLES / np.ptp(times), 2 * np.pi / (FINE * spacing)
     if slowest >= fastest or not motion.any():
         return None
-    rates = np.linspace(np.log(0.5 * slowest), np.log(fastest), 1 + int(np.ceil(np.log(2 * fastest / slowest) / 0.05)))
+    apart = 2 * np.pi * APART / np.ptp(times)
+    rates = np.log(np.arange(0.5 * slowest, fastest + apart, apart))
     starts = itertools.product(np.log(RATIOS / (1 - RATIOS)), rates, STARTS)
     begin = min((np.array(each) for each in starts), key=lambda each: float(np.sum(left(each) ** 2)))
     found = least_squares(left, begin, bounds=([-12.0, -np.inf, -LONGEST], [6.0, np.inf, LONGEST]))
