@@ -19,6 +19,7 @@ from jaxfem.fitting.refining import refine
 from jaxfem.fitting.result import FitResult, TakeFit
 from jaxfem.fitting.search import Search
 from jaxfem.fitting.sensitivity import sensitivity
+from jaxfem.fitting.silicones import silicone
 from jaxfem.fitting.takes import Take
 from jaxfem.fitting.takes_alone import alone
 
@@ -55,5 +56,6 @@ __all__ = [
     "refine",
     "sample",
     "sensitivity",
+    "silicone",
     "write_recording",
 ]

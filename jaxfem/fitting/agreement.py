@@ -19,6 +19,8 @@ NEAR = 1e-3
 """Of a number of the search (its logarithm, of what is positive): takes that are no further apart are not looked at."""
 ROUNDING = 1e-12
 """Of a value: standard errors are not below."""
+DOUBTFUL = 0.05
+"""Chance below which takes are not said to agree; no warning yet, of many parameters one may be so."""
 UNLIKELY = 1e-4
 """Chance of takes' own values, below which they do not agree."""
 
@@ -46,7 +48,11 @@ class Agreement:
         """One line."""
         told = ", ".join(f"{take} {value:.5g} +- {self.errors[take]:.2g}" for take, value in self.values.items())
         low, high = self.interval
-        verdict = "agree" if self.agree else f"do not agree, and scatter by {self.between:.2g} beside their bars"
+        verdict = f"agree, by a chance of {self.chance:.2g}"
+        if not self.agree:
+            verdict = f"do not agree, and scatter by {self.between:.2g} beside their bars"
+        elif self.chance < DOUBTFUL:
+            verdict = f"are farther apart than their bars make them in {100 * self.chance:.1g} % of such takes"
         return f"takes alone, {self.name}: {told}; they {verdict}: mean {self.mean:.5g}, 95 % {low:.5g} to {high:.5g}"
 
 

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from jaxfem.fitting.before import combinations_in_words
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.noise import Noise
 from jaxfem.fitting.recovery import assembled
@@ -18,6 +19,8 @@ from jaxfem.fitting.statistics import uncertainty
 from jaxfem.fitting.takes import Take, channels_of
 
 WINDOWS = 4
+OPEN = 1e-10
+"""Of what is told of a parameter alone: so much of a combination is nothing."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -65,11 +68,10 @@ def sensitivity(
     if evaluator.priors is not None:
         precision = precision + evaluator.priors.precision(z)
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-300))
-    if np.linalg.eigvalsh(precision / np.outer(scale, scale))[0] < 1e-10:
-        raise FitError(
-            f"these samples do not tell {', '.join(evaluator.unknowns.names)} apart: hold one of them, or add a take "
-            "that does"
-        )
+    sizes, shapes = np.linalg.eigh(precision / np.outer(scale, scale))
+    if sizes[0] < OPEN:
+        constants = evaluator.unknowns.constants
+        raise FitError(combinations_in_words(constants, shapes.T[sizes < OPEN] / scale))
     covariance = np.linalg.inv(precision)
     weights = [np.asarray(piece.problem.weights, np.float64) for piece in evaluator.pieces]
     channels = [each for k, (one, w) in enumerate(zip(made, weights, strict=True)) for each in channels_of(k, one, w)]

@@ -1,6 +1,8 @@
 """Fit files in TOML: which scene, which recording, where the markers sit, and how to fit. What `jaxfem fit` reads."""
 
 import dataclasses
+import difflib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +13,7 @@ from jaxfem.fitting.measurement import COMPARISONS, FRAMES
 from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recovery import CHECKS
+from jaxfem.fitting.silicones import FACTOR, silicone
 from jaxfem.fitting.unknowns import known_constants, usual_names
 from jaxfem.io.fit_beside import beside_of
 from jaxfem.io.scene_files import SceneFile, load_scene
@@ -69,8 +72,8 @@ def load_fit(path: Any) -> FitFile:
     NAME = [x, y, z] (m, on the undeformed body) or { body, at } on a rigid one; [clamp] NAME = [x, y, z] of markers
     that tell the frame alone; [[beside]] kind, values, sigma and more, of what else was measured; [fit] parameters,
     frame, compare, release, end, substeps, sigma, checks, own, multi_start, seed, windows, max_memory, places,
-    engine, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation } or { median, factor },
-    [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
+    engine, [fit.noise] correlation, loss, groups, known, [fit.priors] NAME = { mean, deviation }, { median, factor } or
+    { silicone }, [fit.bounds] NAME = [low, high], [fit.starts] NAME = [value, ...],
     [fit.field] constant, jump, kind; instead of `recording` several [[take]] tables: name, recording, scene, held_out,
     release, end, and its own [[take.beside]]; [output] folder.
     FileNotFoundError for a missing file; SceneFileError for everything that is wrong.
@@ -150,7 +153,7 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
     settings: dict[str, Any] = {
         "parameters": parameters,
         "noise": _noise(table),
-        "priors": _priors(table.table("priors", parameters, "[fit.priors]")),
+        "priors": _priors(_of_fitted(table, "priors", parameters)),
         "own": table.get("own", ["delay"]),
         "checks": table.choice("checks", CHECKS, "refuse"),
         "multi_start": table.count("multi_start", 0),
@@ -160,10 +163,23 @@ def _settings(table: Table, scene: SceneFile) -> dict[str, Any]:
         "places": table.number("places", None, unit="m", positive=True),
         "engine": table.choice("engine", (AUTO, *ENGINES), AUTO),
     }
-    bounds = table.table("bounds", parameters, "[fit.bounds]")
+    bounds = _of_fitted(table, "bounds", parameters)
     settings["bounds"] = {name: bounds.vector(name, length=2) for name in bounds.values}
-    settings["starts"] = _starts(table.table("starts", parameters, "[fit.starts]"))
+    settings["starts"] = _starts(_of_fitted(table, "starts", parameters))
     return settings
+
+
+def _of_fitted(table: Table, key: str, parameters: Sequence[str]) -> Table:
+    """The table [fit.KEY], which may speak of what is fitted: parameters, those that each take has for itself, and
+    shifts of markers."""
+    found = table.table(key, None, f"[fit.{key}]")
+    own = tuple(f"{name}_" for name in parameters if name in table.get("own", ["delay"]))
+    for name in found.values:
+        if name not in parameters and not name.startswith(("marker.", *own)):
+            near = difflib.get_close_matches(name, parameters, 1)
+            hint = f"did you mean {near[0]!r}?" if near else "add it to parameters, or leave it out here"
+            raise SceneFileError(f"{name!r} in [fit.{key}] is not fitted (parameters: {', '.join(parameters)}): {hint}")
+    return found
 
 
 def _field(table: Table) -> dict[str, Any] | None:
@@ -205,9 +221,11 @@ def _noise(table: Table) -> Noise:
 def _priors(table: Table) -> dict[str, Any]:
     found: dict[str, Any] = {}
     for name in table.values:
-        own = table.table(name, ("mean", "deviation", "median", "factor"), f"[fit.priors] {name}")
+        own = table.table(name, ("mean", "deviation", "median", "factor", "silicone"), f"[fit.priors] {name}")
         try:
-            if "median" in own:
+            if "silicone" in own:
+                found[name] = silicone(own.text("silicone"), name, own.number("factor", FACTOR))
+            elif "median" in own:
                 found[name] = LogNormal(own.number("median"), own.number("factor"))
             else:
                 found[name] = Gaussian(own.number("mean"), own.number("deviation"))

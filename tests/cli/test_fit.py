@@ -13,11 +13,11 @@ from browser import BROWSER, opened
 
 import jaxfem as jf
 from jaxfem.cli.main import main
-from jaxfem.fitting import Recording, attach, marker_positions, read_recording, write_recording
+from jaxfem.fitting import Recording, attach, marker_positions, read_recording, silicone, write_recording
 from jaxfem.io.examples import beam_scene
 from jaxfem.io.fit_files import SEARCH_KEYS, load_fit
 from jaxfem.io.fit_json import SCHEMA
-from jaxfem.io.scene_files import load_scene
+from jaxfem.io.scene_files import SceneFileError, load_scene
 
 EXAMPLES = pathlib.Path(__file__).resolve().parents[2] / "examples"
 PLACES = {"tip": (0.1, 0.015, 0.036), "left": (0.1, -0.006, 0.024), "side": (0.05, 0.036, 0.015)}
@@ -102,7 +102,11 @@ def test_files_in_values_tables_and_plots_out(folder, capsys):
         ("[output]", '[[take]]\nrecording = "recording.csv"\n[output]', "recording is given beside [[take]]"),
         ("[output]", '[fit.field]\nconstant = "young"\njump = 1\n[output]', "above 1"),
         ('"damping"]', '"contact.flor.friction"]', 'cannot fit "contact.flor.friction"'),
-        ("[output]", "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]", "unknown key 'poisson' in [fit.bounds]"),
+        (
+            "[output]",
+            "[fit.bounds]\npoisson = [0.1, 0.2]\n[output]",
+            "'poisson' in [fit.bounds] is not fitted (parameters: young, damp",
+        ),
     ],
 )
 def test_mistakes_are_named(folder, capsys, old, new, message):
@@ -115,6 +119,32 @@ def test_a_posterior_without_its_library_is_refused_before_the_fit(folder, capsy
     monkeypatch.setitem(sys.modules, "blackjax", None)
     assert main(["fit", str(folder / "fit.toml"), "--posterior", "--force"]) == 2
     assert "pip install 'jaxfem[posterior]'" in capsys.readouterr().err
+
+
+def test_priors_are_read(folder):
+    extra = """[fit.priors]
+young = { silicone = "dragon skin 10 medium" }
+damping = { median = 3e-3, factor = 2 }
+[output]"""
+    (folder / "priors.toml").write_text(FIT.replace("[output]", extra))
+    priors = load_fit(folder / "priors.toml").settings["priors"]
+    assert priors["young"] == silicone("Dragon Skin 10 Medium") and priors["young"].factor == 2
+    assert priors["young"].median == pytest.approx(145.8e3, rel=1e-3)
+    for text, message in (
+        ('{ silicone = "Dragon Skn 20" }', 'did you mean "Dragon Skin 20"?'),
+        ('{ silicone = "rubber" }', "known: Ecoflex 00-10"),
+    ):
+        (folder / "priors.toml").write_text(FIT.replace("[output]", f"[fit.priors]\nyoung = {text}\n[output]"))
+        with pytest.raises(SceneFileError, match=re.escape(message)):
+            load_fit(folder / "priors.toml")
+    (folder / "priors.toml").write_text(
+        FIT.replace("[output]", "[fit.priors]\ndensity = { mean = 1, deviation = 1 }\n[output]")
+    )
+    with pytest.raises(SceneFileError, match=re.escape("'density' in [fit.priors] is not fitted")):
+        load_fit(folder / "priors.toml")
+    assert silicone("Ecoflex 00-30", "c1", 1.5) == jf.LogNormal(7.83e3, 1.5)
+    with pytest.raises(jf.FitError, match="known by young, c1 and c2"):
+        silicone("Ecoflex 00-30", "damping")
 
 
 def test_settings_are_read(folder):

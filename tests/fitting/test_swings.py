@@ -67,7 +67,7 @@ def test_places_that_were_smoothed_are_no_clock(rows):
 
 
 def test_a_coarse_step_of_backward_euler_may_ring_slower():
-    """Where w dt = 0.42 a step turns by atan(0.42): a recording may ring that much faster with a clock that is right."""
+    """Where w dt = 0.42 a step turns by atan(0.42): a recording may ring that much faster, its clock right."""
     simulated, measured = places(sunk(TIMES, 42.0)), places(G / 42.0**2 * sunk(TIMES, 42.0 * 1.2) / (G / 50.4**2))
     assert clock_off(simulated, measured, TIMES, 1e-2, 1) is None
     assert clock_off(simulated, measured, TIMES, 1e-3, 1).clock == pytest.approx(1 / 1.2, rel=0.01)

@@ -169,8 +169,8 @@ def test_what_tells_most_is_what_a_fit_finds(beam):
             assert sum(shares.values()) == pytest.approx(1.0)
     assert told["young"].markers["tip"] > told["young"].markers["middle"]
     assert told["young"].takes["loaded"] > told["young"].takes["own"] and "along z" in told["young"].line()
-    with pytest.raises(FitError, match="do not tell young, density apart"):
-        sensitivity(takes[:1], 2e-5, parameters=("young", "density"))
+    with pytest.raises(FitError, match="only young/density can be found"):
+        sensitivity(takes[:1], 2e-5, parameters=("young", "density", "damping"))
 
 
 @pytest.mark.slow
@@ -181,6 +181,12 @@ def test_profiles_end_where_bars_of_a_linear_problem_do(beam):
     assert (got.drop >= -1e-6).all() and got.values[np.argmin(got.drop)] == pytest.approx(found.values["young"])
     with pytest.raises(FitError, match='"poisson" was not fitted'):
         profile(found, "poisson")
+    value, bar = found.values["young"], found.standard_errors["young"]
+    narrow = {"young": LogNormal(value, 1 + 0.5 * bar / value)}
+    known = fit_takes([beam.take("take", seed=1)], parameters=("young", "damping"), search=QUICK, priors=narrow)
+    low, high = known.intervals["young"]
+    assert high - low < 0.8 * np.diff(found.intervals["young"])[0]
+    assert np.diff(profile(known, "young").interval)[0] == pytest.approx(high - low, rel=0.05)
 
 
 @pytest.mark.slow
