@@ -124,9 +124,11 @@ def _coarse(made: Sequence[Prepared], takes: Sequence[TakeFit], unknown: Unknown
 
 
 def intervals(evaluator: Evaluator, z: np.ndarray, half: np.ndarray) -> dict[str, tuple[float, float]]:
-    """95 % intervals of the values: those of z, through the transforms, so that positive values have positive ends."""
+    """95 % intervals of the values: those of z, through the transforms, so that positive values have positive ends.
+    They end at the bounds at the latest: beyond, nothing was looked at."""
     unknown, found = evaluator.unknowns, {}
-    low, high = unknown.values(z - half), unknown.values(z + half)
+    lowest, highest = unknown.box
+    low, high = unknown.values(np.maximum(z - half, lowest)), unknown.values(np.minimum(z + half, highest))
     for name in unknown.names:
         found[name] = (min(low[name], high[name]), max(low[name], high[name]))
     return found

@@ -42,9 +42,9 @@ class Anipose(Format, word="anipose"):
                 raise FitError(f'{where}: marker "{name}" lacks the column {", ".join(missing)}')
         if not parts:
             raise FitError(f"{where} names no part with _x, _y, _z")
-        scale, unit = cls.scale(content, asked, "", 'give the calibration board\'s, unit="mm" say')
+        scale, unit = cls.scale(content, asked, "", 'give the calibration board\'s, unit="mm" or --unit mm say')
         columns = [(header.index(f"{name}_{axis}"), f"{name}_{axis}") for name in parts for axis in "xyz"]
         values = table(where, data, [(header.index("fnum"), "fnum"), *columns], separator != ",")
-        cure = "give the camera's, rate=100 say"
+        cure = "give the camera's, rate=100 or --rate 100 say"
         times = cls.times(content, values[:, 0], None, asked, cure)
         return cls.made(content, times, scale * values[:, 1:].reshape(len(data), -1, 3), list(parts), unit)

@@ -108,7 +108,8 @@ class Format:
         """Times [s] of frame numbers, 0 at the first; FitError, ending with `cure`, where no rate is known."""
         rate = asked.rate if asked.rate is not None else stated
         if rate is None or not (np.isfinite(rate) and rate > 0):
-            raise FitError(f"{cls.where(content.path)} has frame numbers and no rate ({rate}): {cure}")
+            told = "" if rate is None else f" that can be ({rate})"
+            raise FitError(f"{cls.where(content.path)} has frame numbers and no rate{told}: {cure}")
         return np.asarray((frames - frames[0]) / rate)
 
     @classmethod

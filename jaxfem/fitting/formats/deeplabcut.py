@@ -53,5 +53,5 @@ class DeepLabCut(Format, word="deeplabcut"):
         doubtful = cells[..., 2] < LIKELY if len(kinds) == 3 else np.zeros(cells.shape[:2], bool)
         positions[doubtful] = np.nan
         notes = [f"{int(doubtful.sum())} samples less likely than {LIKELY} are missing"] if doubtful.any() else []
-        times = cls.times(content, values[:, 0], None, asked, "give the camera's, rate=100 say")
+        times = cls.times(content, values[:, 0], None, asked, "give the camera's, rate=100 or --rate 100 say")
         return cls.made(content, times, positions, names, "px", notes, camera=asked.camera)
