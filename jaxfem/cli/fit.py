@@ -26,7 +26,7 @@ from jaxfem.fitting import (
     refine,
     sample,
 )
-from jaxfem.fitting.posterior import blackjax_or_error
+from jaxfem.fitting.posterior import WARMUP, blackjax_or_error
 from jaxfem.io.fit_after_page import after_parts
 from jaxfem.io.fit_files import FitFile, TakeEntry, load_fit
 from jaxfem.io.fit_json import as_json
@@ -148,7 +148,8 @@ def _steps(file: FitFile, recording: Any, takes: Sequence[Take], more: Further) 
         steps.append(("Type B", lambda found, told: with_contributions(found, told, takes)))
     if more.draws is not None:
         draws, seed = more.draws, file.settings["seed"]
-        steps.append(("posterior", lambda found, told: _drawn(found, told, draws, seed)))
+        name = f"posterior ({WARMUP} steps of warm-up first)"
+        steps.append((name, lambda found, told: _drawn(found, told, draws, seed)))
     return steps
 
 

@@ -194,7 +194,12 @@ def clock_faults(evaluator: Evaluator, z: np.ndarray, measured: Sequence[Measure
 def _swings_freely(piece: Piece, turned: bool) -> bool:
     """Whether displacements are compared of an elastic body that is held, and let go under its own weight."""
     problem, model = piece.problem, piece.problem.model
-    from_rest = is_held(model) and not model.has_memory and falling(model, problem.params, problem.state, turned)
+    from_rest = (
+        is_held(model)
+        and len(model.bodies) == 1
+        and not model.has_memory
+        and falling(model, problem.params, problem.state, turned)
+    )
     return bool(from_rest) and problem.camera is None and piece.plan.compare == "displacement"
 
 

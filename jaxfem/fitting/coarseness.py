@@ -6,15 +6,23 @@ multiple of h^2 (Strang & Fix 1973, section 1.6), the limit is c_2 + (c_2 - c_1)
 size. Plain sparse algebra on the host: it compiles nothing.
 """
 
+import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.elements.tetra import shape_gradients
+from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import TetMesh, refined
 from jaxfem.mesh.topology import unique_edges
 from jaxfem.model import Model, Params, element_stiffness, per_element
 
 MOST = 10_000
-"""Elements of a mesh that a finer one is made of: a second or two. The finest has eight times as many at most."""
+"""Elements of a mesh that a finer one is made of: some seconds. The finest has eight times as many at most."""
+PLAIN = 0.46
+"""Poisson's ratio from which plain elements lock, which has a warning of its own."""
+SHRINKS = 0.8
+"""What a halving gains, of what the one before it gained: more where a support is a point, or the body can turn."""
+STEPS = 1500
+"""Of conjugate gradients: what needs more turns about its support."""
 NOTICED = 0.05
 """By which share a stiffness is to be off."""
 NEAR = 0.1
@@ -28,9 +36,11 @@ def stiffened(model: Model, params: Params) -> float:
     1 where that is not known: of other elements than plain ones, without weight, of more than `MOST` elements."""
     gravity, held = np.asarray(params.gravity, np.float64), np.asarray(model.free) == 0
     plain = bool(model.domains) and all(each.by_element and each.clusters is None for each in model.domains)
-    if not plain or not gravity.any() or not held.any() or model.elements.count > MOST:
+    if not plain or not gravity.any() or not held.any() or held.all() or model.elements.count > MOST:
         return 1.0
     volumetric, deviatoric = element_stiffness(model, params)
+    if float(jnp.max(ratio_and_modulus(volumetric, deviatoric)[0])) > PLAIN:
+        return 1.0
     of = [(volumetric - deviatoric) / 3, deviatoric / 2, per_element(model, params.density)]
     values = [np.broadcast_to(np.asarray(each, np.float64), model.elements.count) for each in of]
     cells = np.asarray(model.elements.cells, np.int64)
@@ -40,8 +50,11 @@ def stiffened(model: Model, params: Params) -> float:
         lam, mu, density = values
         compliance, u = _hung(mesh, lam, mu, density, gravity, u)
         found.append(compliance)
-        if len(found) > 1 and (found[-1] - found[-2] < NEAR * found[-1] or len(mesh.cells) > MOST / 8):
-            return found[0] / (found[-1] + (found[-1] - found[-2]) / 3)
+        gained = np.diff(found)
+        if not np.isfinite(compliance) or (gained <= 0).any() or (gained[1:] > SHRINKS * gained[:-1]).any():
+            return 1.0  # no limit is in sight
+        if len(found) > 1 and (gained[-1] < NEAR * found[-1] or len(mesh.cells) > MOST / 8):
+            return float(found[0] / (found[-1] + gained[-1] / 3))
         u = np.concatenate([u, u[unique_edges(mesh.cells)].mean(axis=1)])
         mesh, values = refined(mesh), [np.repeat(each, 8) for each in values]
 
@@ -71,7 +84,10 @@ def _hung(
     np.add.at(weight, cells, (density * volumes / 4)[:, None])
     force = (weight[:, None] * gravity).ravel()[own]
     u = np.zeros(3 * count)
-    u[own], _ = cg(matrix, force, x0=start.ravel()[own], rtol=ACCURACY, M=diags(1 / matrix.diagonal()))
+    settings = {"rtol": ACCURACY, "M": diags(1 / matrix.diagonal()), "maxiter": STEPS}
+    u[own], failed = cg(matrix, force, x0=start.ravel()[own], **settings)
+    if failed:
+        return float("inf"), u.reshape(count, 3)
     return float(2 * force @ u[own] - u[own] @ (matrix @ u[own])), u.reshape(count, 3)
 
 

@@ -68,6 +68,7 @@ def result_of(
             first.take.model, takes[0].params, unknown, z, spread, first.measured, takes[0].simulated, dt, failures
         ),
         *sample_advice([each.measured for each in made], unknown, spread, [each.take.name for each in made]),
+        *(text for one in made for text in one.doubts),
         *(paces := _paces(made, takes, unknown)),
         *_coarse(made, takes, unknown, bars),
         *(doubted := unfollowed(spread, takes)),
@@ -104,7 +105,12 @@ def _paces(made: Sequence[Prepared], takes: Sequence[TakeFit], unknown: Unknowns
     texts, late = [], sets_in_motion(unknown.names)
     for one, take in zip(made, takes, strict=True):
         model = one.take.model
-        if is_held(model) and one.take.compare == "displacement" and falling(model, one.params, one.state, late):
+        if (
+            is_held(model)
+            and len(model.bodies) == 1
+            and one.take.compare == "displacement"
+            and falling(model, one.params, one.state, late)
+        ):
             texts += swing_warnings(take, model.scheme.order)
     return texts
 

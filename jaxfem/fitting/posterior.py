@@ -35,7 +35,10 @@ CHUNK = 10
 """Draws of each chain between two times that progress is told."""
 FEWEST = 20
 """Draws of each chain that say something."""
+WARMUP = 150
 FIRST_STEP = 0.7
+DOUBLINGS = 5
+"""Of a path: 32 steps cross what is near a unit distribution more than once; a warm-up may take thousands else."""
 BEST_WALK = 2.38  # over the root of the number of parameters (Roberts, Gelman & Gilks 1997)
 
 
@@ -63,7 +66,7 @@ def sample(
     draws: int = 500,
     *,
     chains: int = 4,
-    warmup: int = 150,
+    warmup: int = WARMUP,
     kind: str = "nuts",
     seed: int = 0,
     progress: Callable[[int], None] | None = None,
@@ -199,15 +202,17 @@ def _programs(blackjax: Any, density: Callable[[Array, Data], Array], kind: str,
         own = lambda u: density(u, data)  # noqa: E731
         if kind == "walk":
             return blackjax.normal_random_walk(own, tuned)
-        return blackjax.nuts(own, **tuned)
+        return blackjax.nuts(own, max_num_doublings=DOUBLINGS, **tuned)
 
     @jax.jit
     def tune(key: Array, u: Array, data: Data) -> Any:
         if kind == "walk":
             return BEST_WALK / jnp.sqrt(u.size) * jnp.ones_like(u)
-        settings = {"initial_step_size": FIRST_STEP, "is_mass_matrix_diagonal": False}
+        settings: dict[str, Any] = {"initial_step_size": FIRST_STEP, "is_mass_matrix_diagonal": False}
+        settings["max_num_doublings"] = DOUBLINGS
         adapted = blackjax.window_adaptation(blackjax.nuts, lambda v: density(v, data), **settings)
-        return adapted.run(key, u, num_steps=warmup)[0].parameters
+        found = adapted.run(key, u, num_steps=warmup)[0].parameters
+        return {name: found[name] for name in ("step_size", "inverse_mass_matrix")}
 
     @jax.jit
     def first(u: Array, data: Data) -> Any:

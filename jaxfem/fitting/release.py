@@ -3,8 +3,8 @@
 The markers' early motion has one shape; along it their places are one number a row, s, in which many noisy markers make
 one quiet signal. Still until row r and then s = a sin(w k) + b (1 - cos(w k)) with a, b >= 0 in k rows after it, up to
 its first peak: a start by acceleration, as of a body let go, and one by velocity, as first-order time steps or a blow
-make it. The noise is unknown, so that row r has the likelihood SSR^(-n/2), summed over w (Hinkley 1970; Box & Tiao
-1973, chapter 2).
+make it. That shape is off by a share of the motion, so that rows count by the noise and by how far they are. The noise
+is known but for a factor: row r has the likelihood SSR^(-n/2), summed over w (Hinkley 1970; Box & Tiao 1973, ch. 2).
 """
 
 import dataclasses
@@ -19,6 +19,9 @@ BEFORE = 30  # rows before the rise that tell the noise; more, where the rise is
 COVERED = 0.95  # of the posterior inside the interval
 EVIDENCE = 8.0  # log likelihood by which a release must beat noise alone
 SETTLED = 0.05  # share of the largest excursion within which a body counts as settled
+EARLY, ALONG = 0.2, 0.85  # of the motion, where its first way is looked at, and of that way what one shape tells
+SHAPED = 0.05  # of the motion: what its shape may be off
+ROUNDING = 1e-5  # of the largest motion: exact data are taken to have so much noise
 RATES = np.geomspace(0.1, 5.0, 24)  # w, in radians a rise
 
 
@@ -53,7 +56,7 @@ def found_release(recording: Recording) -> Release:
 
 def find_release(recording: Recording) -> Release:
     """The release with its interval. FitError where the markers do not move, or no more than their noise."""
-    score = motion_along_shape(recording)
+    score = _along_early(recording)
     rows = np.flatnonzero(np.isfinite(score))
     s, times = score[rows], recording.times[rows] / recording.spacing
     s = s - np.median(s[:FEW])
@@ -67,26 +70,50 @@ def find_release(recording: Recording) -> Release:
     start, end = max(0, half - max(BEFORE, 8 * rise)), min(len(s), top + 2)
     window, when = s[start:end], times[start:end]
     candidates = np.arange(rows[start], rows[half] + 1)  # rows in which nothing was seen too
-    ssr = _unexplained(window, when, recording.times[candidates] / recording.spacing, rise)
-    floor = len(window) * (1e-7 * largest) ** 2 + np.finfo(float).tiny  # rounding, of exact data
+    weight = _weights(s, smooth, largest)[start:end]
+    ssr = _unexplained(window, weight, when, recording.times[candidates] / recording.spacing, rise)
+    floor = len(window) * 1e-3 + np.finfo(float).tiny  # rounding, of exact data
     log = -0.5 * len(window) * np.log(ssr + floor)
-    alone = -0.5 * len(window) * np.log(((window - window.mean()) ** 2).sum() + floor)
+    level = float(weight @ window / weight.sum())
+    alone = -0.5 * len(window) * np.log(float(weight @ (window - level) ** 2) + floor)
     if len(window) < 4 or log.max() - alone < EVIDENCE:
         raise FitError(
             "no release is to be seen: the markers move no more than they scatter from row to row. Give "
             "release = TIME in s, or leave out what does not move"
         )
-    weight = np.exp(log - log.max()).sum(axis=1)
-    share = np.cumsum(weight) / weight.sum()
+    likely = np.exp(log - log.max()).sum(axis=1)
+    share = np.cumsum(likely) / likely.sum()
     tail = 0.5 * (1 - COVERED)
     low, high = int(np.searchsorted(share, tail)), int(np.searchsorted(share, 1 - tail))
-    best = int(np.argmax(weight))
-    noise = float(np.sqrt(ssr.min() / max(len(window) - 4, 1)) / largest)
+    best = int(np.argmax(likely))
+    noise = float(np.sqrt(ssr.min() / max(len(window) - 4, 1)) * weight.max() ** -0.5 / largest)
     at = candidates[[best, min(low, best), max(high, best)]]
     # Rows around the best in which nothing was seen cannot be told apart from it.
     at[1] = min(at[1], rows[rows <= at[0]].max(initial=rows[0]))
     at[2] = max(at[2], rows[rows > at[0]].min(initial=rows[-1]) - 1)
     return Release(int(at[0]), int(at[1]), int(at[2]), float(rise), noise)
+
+
+def _along_early(recording: Recording) -> np.ndarray:
+    """Where the markers are along the way that they first go (T,) [m]: on an arc that is not the strongest shape, along
+    which they may hardly have moved while they are well on their way."""
+    score = motion_along_shape(recording)
+    rows = np.flatnonzero(recording.seen.all(axis=1))
+    if len(rows) < 2 * FEW:
+        return score
+    places = recording.positions[rows].reshape(len(rows), -1)
+    moved = places - np.median(places[:FEW], axis=0)
+    far = _median3(np.linalg.norm(moved, axis=1))
+    noise = np.sqrt(places.shape[1]) * max(scatter(each) for each in places.T)
+    first = int(np.argmax(far >= max(EARLY * far.max(), 8 * noise)))
+    way = moved[first : first + FEW].mean(axis=0)
+    way = way / max(float(np.linalg.norm(way)), np.finfo(float).tiny)
+    s = score[rows] - np.median(score[rows][:FEW])
+    if first == 0 or np.abs(s[first : first + FEW].mean()) > ALONG * float(far[first]):
+        return score  # the strongest shape is the first one, too
+    along = np.full(len(score), np.nan)
+    along[rows] = moved @ way
+    return along
 
 
 def settled_row(recording: Recording) -> int:
@@ -128,14 +155,22 @@ def scatter(signal: np.ndarray) -> float:
     return float(1.4826 * np.median(np.abs(np.diff(signal, 4))) / np.sqrt(70))
 
 
-def _unexplained(s: np.ndarray, times: np.ndarray, starts: np.ndarray, rise: float) -> np.ndarray:
-    """Sums of squares (R, W) left by the best still level and motion, for each time of the last still row and w."""
+def _weights(s: np.ndarray, smooth: np.ndarray, largest: float) -> np.ndarray:
+    """1 / variance (T,) of each row: of the noise, and of how much the motion's shape may be off, a share of it."""
+    noise = max(scatter(s), ROUNDING * largest)
+    return np.asarray(1 / (noise**2 + (SHAPED * np.maximum(np.abs(smooth) - 3 * noise, 0.0)) ** 2))
+
+
+def _unexplained(s: np.ndarray, weight: np.ndarray, times: np.ndarray, starts: np.ndarray, rise: float) -> np.ndarray:
+    """Weighted sums of squares (R, W) left by the best still level and motion, for each time of the last still row and
+    w."""
+    share, root = weight / weight.sum(), np.sqrt(weight)
     k = np.maximum(times - starts[:, None], 0.0)[:, None, :]  # (R, 1, n)
     w = (RATES / rise)[None, :, None]
     angle = np.minimum(w * k, np.pi)
     shapes = [np.sin(np.minimum(angle, 0.5 * np.pi)), 1 - np.cos(angle)]
-    shapes = [each - each.mean(axis=-1, keepdims=True) for each in shapes]  # the still level
-    signal = s - s.mean()
+    shapes = [root * (each - (each @ share)[..., None]) for each in shapes]  # the still level
+    signal = root * (s - s @ share)
     p, q = shapes
     pp, qq, pq = ((a * b).sum(-1) for a, b in ((p, p), (q, q), (p, q)))
     ps, qs = (p * signal).sum(-1), (q * signal).sum(-1)

@@ -180,9 +180,19 @@ class FitResult:
         """Root mean square residual of a coordinate of the first take."""
         return self.takes[0].noise
 
+    def _held(self) -> str:
+        """Constants of materials that were not fitted, of the first take: what they are off by is in no error bar."""
+        fitted = {name.split(".")[0] for name in self.values}
+        fitted |= {"young", "poisson"} if fitted & {"shear_modulus", "bulk_modulus"} else set()
+        kept = {
+            name: np.asarray(value, np.float64) for name, value in self.params.constants.items() if name not in fitted
+        }
+        return ", ".join(f"{name} {_range(value)}" for name, value in sorted(kept.items()) if value.size)
+
     def summary(self) -> str:
         """Values with error bars, the misfit and all warnings, as text."""
         lines = [text_of(self.constants, self.values, self.standard_errors, self.intervals)]
+        lines += [f"  held: {held}"] if (held := self._held()) else []
         for take in self.takes:
             lines += [f"  {take.line()}", *(f"    {each.line()}" for each in take.beside)]
         lines.append(f"  {self.status}, {len(self.history)} simulations, {self.iterations} of them with derivatives")
@@ -198,6 +208,11 @@ class FitResult:
         lines += [f"  recording: {text}" for text in self.repairs]
         lines += [f"  warning: {text}" for text in self.warnings]
         return "\n".join(lines)
+
+
+def _range(values: np.ndarray) -> str:
+    low, high = float(values.min()), float(values.max())
+    return f"{low:.4g}" if low == high else f"{low:.4g} to {high:.4g}"
 
 
 def beside_in_words(take: TakeFit) -> list[str]:

@@ -46,8 +46,9 @@ def silicone(name: str, constant: str = "young", factor: float = FACTOR) -> LogN
     """
     known = {_plain(each.name): each for each in SILICONES}
     if _plain(name) not in known:
-        near = difflib.get_close_matches(_plain(name), known, 1)
-        hint = f'did you mean "{known[near[0]].name}"?' if near else f"known: {', '.join(s.name for s in SILICONES)}"
+        near = [known[each].name for each in known if _plain(name) and each.startswith(_plain(name))]
+        near = near or [known[each].name for each in difflib.get_close_matches(_plain(name), known, 1, 0.85)]
+        hint = f'did you mean "{near[0]}"?' if near else f"known: {', '.join(s.name for s in SILICONES)}"
         raise FitError(f'no silicone is called "{name}": {hint}')
     if constant.split(".")[0] not in ("young", "c1", "c2"):
         raise FitError(f"silicones are known by young, c1 and c2, not by {constant}: give a median and a factor")

@@ -19,6 +19,7 @@ AROUND = 2.7  # times the two rows before and behind: of a swing, however sample
 LEAP = 0.1  # of the motion: a smaller one is none
 JUST_BEFORE = 3  # rows before a release
 MOVES, CLEAR = 0.05, 8.0  # of the motion, and times the noise: who is held does not
+TREMBLES = 1.5  # times what the hand that holds it moves before that, in as many rows
 SUDDEN = 4.0  # times the rows around: a leap is no motion of a body that is held
 
 
@@ -41,12 +42,39 @@ def late_faults(measured: Measurement, gravity: float | None) -> list[str]:
     ]
 
 
+def release_doubts(recording: Recording, measured: Measurement, release: float) -> list[str]:
+    """A warning of a `release` that was given [s], of a body that is held until then, where the markers say another, or
+    do not say it to the row."""
+    part, row = _compared(recording, measured)
+    try:
+        found = find_release(part)
+    except FitError:
+        return []
+    if found.vague or found.low == row == found.high:
+        return []
+    between = f"from {part.times[found.low]:g} to {part.times[found.high]:g} s"
+    if found.low <= row <= found.high:
+        return [
+            f"release = {release:g} s was given, and by the markers it may lie {between}: error bars know nothing of "
+            'that. Fit "delay" too'
+        ]
+    return [
+        f"release = {release:g} s was given, and by the markers it lies {between}: a row puts the stiffness off by "
+        'some per cent, and error bars know nothing of that. Give release = "auto", or fit "delay" too'
+    ]
+
+
+def _compared(recording: Recording, measured: Measurement) -> tuple[Recording, int]:
+    """The recording up to its last row that is compared, and the row of the release."""
+    rows = recording.times <= measured.begins[0] + measured.times[-1] + 0.5 * measured.spacing
+    part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
+    return part, int(np.searchsorted(part.times, measured.begins[0] - 0.5 * measured.spacing))
+
+
 def release_faults(recording: Recording, measured: Measurement, release: float) -> list[str]:
     """A `release` that was given [s], of a body that is held until then: markers move before it, or stand still for
     long behind it."""
-    rows = recording.times <= measured.begins[0] + measured.times[-1] + 0.5 * measured.spacing
-    part = dataclasses.replace(recording, times=recording.times[rows], positions=recording.positions[rows])
-    row = int(np.searchsorted(part.times, measured.begins[0] - 0.5 * measured.spacing))
+    part, row = _compared(recording, measured)
     try:
         s, found = motion_along_shape(part), find_release(part)
     except FitError:
@@ -54,7 +82,13 @@ def release_faults(recording: Recording, measured: Measurement, release: float) 
     before = s[max(0, row - JUST_BEFORE) : row + 1]
     before = before[np.isfinite(before)]
     moved = float(np.ptp(before)) if before.size else 0.0
-    if moved > max(MOVES * float(np.nanmax(s) - np.nanmin(s)), CLEAR * scatter(s[np.isfinite(s)])):
+    earlier = s[: max(0, row - JUST_BEFORE)]
+    trembles = max(
+        (float(np.ptp(earlier[k : k + len(before)])) for k in range(len(earlier) - len(before) + 1)), default=0.0
+    )
+    if moved > TREMBLES * trembles and moved > max(
+        MOVES * float(np.nanmax(s) - np.nanmin(s)), CLEAR * scatter(s[np.isfinite(s)])
+    ):
         since = f": they seem to be let go at {part.times[found.row]:g} s" if found.row < row else ""
         return [
             f"the release: markers move before the release = {release:g} s that was given, by {1e3 * moved:.3g} mm in "

@@ -7,6 +7,7 @@ places s and their velocity v a recording that is otherwise right leaves of s le
     -tau v            behind rows that were lost, worth tau,
     s - G s           where it was smoothed by a filter G,
     -k (s - s_0)      where motion is too large by the share k,
+    -k mean(s - s_0)  where it began from elsewhere than markers stood before,
     -omega x (s - s_0)  where its axes are turned by the small angle omega.
 What counts is how much of the residuals such a column tells that no change of the fitted values would: the statistic of
 a Lagrange multiplier test (Rao 1948; Silvey 1959), as a share of all that is left. It is a suspicion: the same may be
@@ -157,6 +158,7 @@ def _causes(take: TakeFit, turn: float) -> Iterator[Cause]:
         smoothed = gaussian_filter1d(places, rows, axis=0, mode="nearest", truncate=3.0)  # still before
         yield Cause("filter", (places - smoothed)[None], partial(_smoothed, rows * interval), FILTER)
     yield Cause("release", velocity[None], partial(_late, "all motion", "where the release was found", interval), lags)
+    yield Cause("origin", -np.broadcast_to(moved.mean(axis=0), moved.shape)[None], _aside, SHARE)
     yield Cause("scale", -moved[None], partial(_scaled, "all markers move"), SHARE)
     if take.unit == "m":
         believed = ANGLE[0], min(ANGLE[1], turn)
@@ -189,6 +191,13 @@ def _smoothed(width: float, _: np.ndarray) -> str:
 
 def _scaled(what: str, share: np.ndarray) -> str:
     return f"{what} {100 * abs(share[0]):.2g} % too {_way(share[0], 'much', 'little')}"
+
+
+def _aside(share: np.ndarray) -> str:
+    return (
+        f"markers stood {100 * abs(share[0]):.2g} % of the motion aside of where they were let go (a hand that moved "
+        "before the release: fewer still rows, or compare places)"
+    )
 
 
 def _turned(angles: np.ndarray) -> str:

@@ -35,7 +35,7 @@ MOST_ROWS = 300
 RATIOS = np.array([0.003, 0.01, 0.03, 0.1, 0.2, 0.35, 0.5, 0.7, 0.9])
 """Damping ratios to begin from."""
 MOST = 0.4
-"""Damping ratio of a recording: what is damped more, or was smoothed, hardly tells at which rate it rings."""
+"""Damping ratio: what is damped more, or was smoothed, hardly tells at which rate it rings."""
 STARTS, LONGEST = (0.0, 2.0), 5.0
 """Rows behind the release at which the swing seems to begin: of places that were smoothed, say."""
 
@@ -109,7 +109,7 @@ def clock_off(simulated: np.ndarray, measured: np.ndarray, times: np.ndarray, dt
     moved, seen = simulated.reshape(len(times), -1), measured.reshape(len(times), -1)
     along = moved.mean(axis=0) / max(float(np.linalg.norm(moved.mean(axis=0))), 1e-300)
     found, made = swing(times, seen @ along), swing(times, moved @ along)
-    if found is None or made is None or found.sunk * made.sunk <= 0 or found.ratio > MOST:
+    if found is None or made is None or found.sunk * made.sunk <= 0 or max(found.ratio, made.ratio) > MOST:
         return None
     step = made.rate * dt
     slowed = step / (np.arctan(step) if order == 1 else 2 * np.arctan(step / 2))  # by backward Euler, or the trapezium

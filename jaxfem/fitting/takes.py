@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.fitting.before import looked_through, refuse, written_faults
+from jaxfem.fitting.before import falling, is_held, looked_through, refuse, written_faults
 from jaxfem.fitting.beside import DataOf, data_of
 from jaxfem.fitting.clamp import in_frame_of_clamp
 from jaxfem.fitting.correlation import Channels
@@ -20,6 +20,7 @@ from jaxfem.fitting.objective import Plan, make_problem
 from jaxfem.fitting.place_checks import unit_faults
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.repairs import first_places, repaired
+from jaxfem.fitting.start_checks import release_doubts
 from jaxfem.fitting.unknowns import DELAY, Unknowns
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Model, Params, State
@@ -57,7 +58,8 @@ class Take:
 
 @dataclasses.dataclass(frozen=True)
 class Prepared:
-    """A take whose recording was looked at and cut: `faults` were let pass, `notes` tell what was repaired."""
+    """A take whose recording was looked at and cut: `faults` were let pass, `notes` tell what was repaired, `doubts`
+    are warnings."""
 
     take: Take
     params: Params
@@ -67,6 +69,7 @@ class Prepared:
     measured: Measurement
     faults: tuple[str, ...]
     notes: tuple[str, ...]
+    doubts: tuple[str, ...] = ()
 
     @property
     def unit(self) -> str:
@@ -116,7 +119,10 @@ def prepared(take: Take, checks: str, late: bool = False) -> Prepared:
         notes += suspicions
     faults = refuse(faults, checks)
     notes = [*recording.notes, *told, *_rounded(take.release, measured), *notes]
-    return Prepared(take, params, state, markers, recording, measured, tuple(faults), tuple(notes))
+    doubts = []
+    if not isinstance(take.release, str) and is_held(take.model) and falling(*scene, late):
+        doubts = release_doubts(recording, measured, float(take.release))
+    return Prepared(take, params, state, markers, recording, measured, tuple(faults), tuple(notes), tuple(doubts))
 
 
 def _rounded(release: Any, measured: Measurement) -> list[str]:

@@ -41,6 +41,7 @@ damping = { median = 3e-3, factor = 2 }
     for text, message in (
         ('{ silicone = "Dragon Skn 20" }', 'did you mean "Dragon Skin 20"?'),
         ('{ silicone = "rubber" }', "known: Ecoflex 00-10"),
+        ('{ silicone = "Dragonskin 10" }', 'did you mean "Dragon Skin 10 Medium"?'),
     ):
         (folder / "priors.toml").write_text(FIT.replace("[output]", f"[fit.priors]\nyoung = {text}\n[output]"))
         with pytest.raises(SceneFileError, match=re.escape(message)):

@@ -21,6 +21,7 @@ class Found:
     """As much of a result as is looked at."""
 
     words: tuple = ()
+    warnings: tuple = ()
     posterior: object = None
 
 
@@ -38,13 +39,15 @@ def raised(problem):
 def test_a_step_that_fails_is_told_and_the_others_go_on(capsys):
     found, code = gone_on(Found(), [("one", added("one")), ("bad", raised(FitError("why"))), ("two", added("two"))])
     assert found.words == ("one", "two") and code == FAILED
+    assert found.warnings == ("bad failed: why",)
     assert "jaxfem: error: bad: why; the fit itself is written" in capsys.readouterr().err
     assert gone_on(Found(), [("one", added("one"))]) == (Found(("one",)), DONE)
 
 
 def test_an_interruption_ends_the_steps_and_keeps_what_there_is(capsys):
     steps = [("one", added("one")), ("long", raised(KeyboardInterrupt())), ("two", added("two"))]
-    assert gone_on(Found(), steps) == (Found(("one",)), INTERRUPTED)
+    found, code = gone_on(Found(), steps)
+    assert found.words == ("one",) and code == INTERRUPTED and "interrupted" in found.warnings[0]
     assert "without long, two" in capsys.readouterr().err
 
 

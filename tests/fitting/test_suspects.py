@@ -67,6 +67,7 @@ def smoothed(width):
 
 
 CASES = {
+    "the hand moved": (motion(TIMES) + 0.08 * (motion(TIMES) - motion(TIMES)[0]).mean(axis=0), "% of the motion aside"),
     "one marker late": (of(0, motion(TIMES - 0.02), motion(TIMES)), "tip is 0.021 s (2.1 rows) behind the others"),
     "one marker early": (of(2, motion(TIMES + 0.01), motion(TIMES)), "middle is 0.01 s (1 rows) ahead of the others"),
     "all late": (motion(TIMES - 0.01), "all motion is 0.01 s (1 rows) behind where the release was found"),

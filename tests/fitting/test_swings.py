@@ -11,7 +11,8 @@ from jaxfem.fitting import FitError, Recording, attach, marker_positions, read_r
 from jaxfem.fitting.coarseness import coarse_warnings, stiffened
 from jaxfem.fitting.measurement import measurement
 from jaxfem.fitting.place_checks import most_turned
-from jaxfem.fitting.start_checks import release_faults
+from jaxfem.fitting.release import find_release
+from jaxfem.fitting.start_checks import release_doubts, release_faults
 from jaxfem.fitting.swings import clock_off, swing, swing_faults, swing_warnings
 
 TIMES = np.arange(100) * 0.01
@@ -71,6 +72,11 @@ def test_a_coarse_step_of_backward_euler_may_ring_slower():
     simulated, measured = places(sunk(TIMES, 42.0)), places(G / 42.0**2 * sunk(TIMES, 42.0 * 1.2) / (G / 50.4**2))
     assert clock_off(simulated, measured, TIMES, 1e-2, 1) is None
     assert clock_off(simulated, measured, TIMES, 1e-3, 1).clock == pytest.approx(1 / 1.2, rel=0.01)
+
+
+@pytest.mark.parametrize("ratio", [0.5, 0.8, 0.95])
+def test_a_start_that_is_damped_too_much_says_nothing_of_the_clock(ratio):
+    assert clock_off(places(sunk(TIMES, 45.0, ratio)), places(sunk(TIMES), 2e-5), TIMES, 1e-3, 2) is None
 
 
 def test_warnings_and_faults_of_a_take():
@@ -145,6 +151,39 @@ def test_a_release_that_was_given_is_held_against_the_recording(beam):
     assert any("release = 0.203 s lies between rows" in text and "3 ms earlier" in text for text in found.repairs)
 
 
+def test_a_release_that_was_given_a_row_off_is_told(beam):
+    noise = 2e-4 * np.random.default_rng(0).standard_normal(beam.places.shape)
+    recording = Recording(1e-2 * np.arange(len(beam.places)), beam.places + noise, beam.markers.names)
+    told = {}
+    for given in (0.18, 0.19, 0.2):
+        taken = measurement(recording, beam.places[0], frame="none", compare="displacement", release=given, end=None)
+        told[given] = release_doubts(recording, taken, given)
+    assert told[0.2] == [] or "may lie" in told[0.2][0]
+    assert all("error bars know nothing of that" in told[given][0] for given in (0.18, 0.19))
+
+
+@pytest.mark.parametrize("frequency", [0.5, 1.0, 2.0])
+@pytest.mark.parametrize("swing", [np.pi, np.pi / 2, 0.2])
+@pytest.mark.parametrize("noise", [2e-5, 2e-4])
+def test_the_release_of_a_large_slow_arc_is_found(frequency, swing, noise):
+    """Along the strongest shape, the chord, what swings on an arc has hardly moved while it is well on its way."""
+    times = 0.01 * np.arange(220)
+    angle = swing * (1 - np.cos(2 * np.pi * frequency * np.clip(times - 0.2, 0, None))) / 2
+    arc = 0.2 * np.stack([np.cos(angle) - 1, 0 * angle, -np.sin(angle)], axis=1)[:, None]
+    arc = arc + noise * np.random.default_rng(3).standard_normal(arc.shape)
+    found = find_release(Recording(times, arc, ("tip",)))
+    assert abs(found.row - 20) <= 1 and found.low - 1 <= 20 <= found.high + 1
+
+
+def test_a_hand_that_trembles_lets_go_where_it_was_said():
+    times = 0.01 * np.arange(120)
+    hand = 5e-4 * np.sin(2 * np.pi * 5 * times) * (times < 0.2)
+    moved = places(sunk(np.maximum(times - 0.2, 0.0)) + hand, 2e-5)
+    recording = Recording(times, moved, ("a", "b", "c"))
+    taken = measurement(recording, np.zeros((3, 3)), frame="none", compare="displacement", release=0.2, end=None)
+    assert release_faults(recording, taken, 0.2) == []
+
+
 def test_the_release_of_the_real_recording_is_let_pass(data):
     recording = read_recording(data / "real_beam" / "gravity.csv")
     settings = {"frame": "none", "compare": "displacement", "end": None}
@@ -174,10 +213,14 @@ def test_a_coarse_mesh_is_too_stiff_by_what_is_told():
     assert coarse_warnings("take", *model_of((3, 1, 1))[:2], 0.9) == []  # known worse than that
 
 
-def test_of_other_elements_a_mesh_says_nothing():
+def test_of_other_elements_and_supports_a_mesh_says_nothing():
     assert stiffened(*model_of((3, 1, 1), strain="smoothed")[:2]) == 1.0
     model, params, _ = model_of((3, 1, 1))
     assert stiffened(model, params.replace(gravity=np.zeros(3))) == 1.0
+    assert stiffened(model, params.replace(poisson=0.499)) == 1.0  # locks, which has a warning of its own
+    assert stiffened(model.replace(free=np.zeros_like(model.free)), params) == 1.0
+    along = (np.asarray(model.rest)[:, 0] == 0) & (np.asarray(model.rest)[:, 2] == 0)
+    assert stiffened(model.replace(free=np.where(along, 0.0, 1.0)), params) == 1.0  # turns about a line
 
 
 def test_axes_are_turned_no_more_than_places_say():
