@@ -188,15 +188,19 @@ def text_of(
     lines = []
     for each in constants:
         low, high = intervals[each.name]
+        if not (np.isfinite(low) and np.isfinite(high)):  # no number, then: any value on that side tells the same
+            words = interval_in_words(low, high, each.unit)
+            lines.append(f"  {each.name:<{width}}   {words}   (95 %; the search ended at {values[each.name]:.3g})")
+            continue
         bar = f"{values[each.name]:>12.5g} +- {errors[each.name]:<10.2g}{each.unit}".rstrip()
         lines.append(f"  {each.name:<{width}}{bar}   (95 %: {interval_in_words(low, high)})")
     return "\n".join(lines)
 
 
-def interval_in_words(low: float, high: float) -> str:
+def interval_in_words(low: float, high: float, unit: str = "") -> str:
     """An interval, one-sided where an end is infinite."""
+    if not (np.isfinite(low) or np.isfinite(high)):
+        return "open towards both sides"
     if np.isfinite(low) and np.isfinite(high):
-        return f"{low:.5g} to {high:.5g}"
-    if np.isfinite(low):
-        return f"at least {low:.5g}"
-    return f"at most {high:.5g}" if np.isfinite(high) else "open towards both sides"
+        return f"{low:.5g} to {high:.5g} {unit}".rstrip()
+    return f"at least {low:.5g} {unit}".rstrip() if np.isfinite(low) else f"at most {high:.5g} {unit}".rstrip()

@@ -24,7 +24,7 @@ def with_limits(result: FitResult) -> FitResult:
         found = profile(result, constant.name).interval
         intervals[constant.name] = found
         if not np.isfinite(found).all():
-            words = f"{interval_in_words(*found)} {constant.unit}".rstrip()
+            words = interval_in_words(*found, constant.unit)
             warnings.append(
                 f"{constant.name} is {words} (95 %, by its profile likelihood): these samples bound it from "
                 f"{'one side alone' if np.isfinite(found).any() else 'no side'}, and the estimate is any such value"

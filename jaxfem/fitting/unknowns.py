@@ -116,10 +116,22 @@ def chosen(names: Sequence[str], known: Mapping[str, Constant]) -> tuple[Constan
         if name not in known:
             near = difflib.get_close_matches(name, known, n=1, cutoff=0.6)
             hint = f'did you mean "{near[0]}"? ' if near else ""
+            hint = _no_group(name, known) or hint
             raise FitError(f'cannot fit "{name}"; {hint}known: {_listed(known)}')
     if len(set(names)) < len(names):
         raise FitError(f"a parameter is named twice: {', '.join(names)}")
     return tuple(known[name] for name in names)
+
+
+def _no_group(name: str, known: Mapping[str, Constant]) -> str:
+    """What to say of a group of a body that has no such elements; nothing where it is something else."""
+    body, _, group = name.partition(".")[2].partition(".")
+    of = f"{name.partition('.')[0]}.{body}"
+    if not group or of not in known:
+        return ""
+    groups = [each.removeprefix(f"{of}.") for each in known if each.startswith(f"{of}.")]
+    there = f"there are {', '.join(groups)}" if groups else "the mesh has none (volumes with names, in a .msh file)"
+    return f'"{group}" is no group of elements of "{body}", and groups of nodes or faces have no constants: {there}; '
 
 
 def _listed(known: Mapping[str, Constant]) -> str:
