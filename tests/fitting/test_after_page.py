@@ -50,5 +50,5 @@ def test_groups_of_faces_have_no_constants():
         chosen(["young.beam.x-"], known)
     with pytest.raises(FitError, match=r'of "ball".*the mesh has none'):
         chosen(["young.ball.x-"], known)
-    with pytest.raises(FitError, match='did you mean "young.ball"'):
+    with pytest.raises(FitError, match=r'did you mean "young\.ball"'):
         chosen(["young.bal"], known)
