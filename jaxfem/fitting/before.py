@@ -23,6 +23,7 @@ from jaxfem.fitting.measurement import Measurement
 from jaxfem.fitting.objective import pixels
 from jaxfem.fitting.place_checks import pixel_faults, place_faults
 from jaxfem.fitting.recording import Recording
+from jaxfem.fitting.search import as_far
 from jaxfem.fitting.start_checks import (
     again_faults,
     bounce_faults,
@@ -180,9 +181,16 @@ def start_faults(
     return faults + open_faults(joined, evaluator.unknowns, size**0.5, eps)
 
 
-def clock_faults(evaluator: Evaluator, z: np.ndarray, measured: Sequence[Measurement]) -> list[str]:
-    """What simulations say of the clock at a z at which bodies sink about as far as was measured."""
-    faults, turned = [], sets_in_motion(evaluator.unknowns.names)
+def clock_faults(evaluator: Evaluator, start: np.ndarray, measured: Sequence[Measurement]) -> list[str]:
+    """What simulations say of the clock where bodies sink about as far as was measured: from a start (P,) on, in the
+    search's own first steps, which it need not make again."""
+    faults, turned = list[str](), sets_in_motion(evaluator.unknowns.names)
+    axis = evaluator.unknowns.scanned
+    if axis is None or not any(_swings_freely(piece, turned) for piece in evaluator.pieces):
+        return faults
+    z = as_far(evaluator, start, axis)
+    if z is None:
+        return faults
     outcomes = evaluator.residual(z)[1]
     for piece, taken, outcome in zip(evaluator.pieces, measured, outcomes, strict=True):
         if Status(int(outcome.status)) not in BROKEN and _swings_freely(piece, turned):

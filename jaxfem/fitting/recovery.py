@@ -20,7 +20,7 @@ from jaxfem.fitting.priors import Gaussian, checked_priors
 from jaxfem.fitting.recording import Recording
 from jaxfem.fitting.result import FitResult
 from jaxfem.fitting.rounds import judged
-from jaxfem.fitting.search import Search, as_far
+from jaxfem.fitting.search import Search
 from jaxfem.fitting.sharing import Shared, all_shifts, check_own, shared_unknowns
 from jaxfem.fitting.strategy import Strategy, checked_strategy, searched, searching
 from jaxfem.fitting.takes import Prepared, Take, checked_takes, compiled_piece, data_beside, prepared
@@ -125,8 +125,7 @@ def fit_takes(
     faults = [text for each in (*made, *held) for text in each.faults]
     coarse, cut = searching(evaluator), [each.measured for each in made]
     faults += refuse(start_faults(coarse, shared.starts[0], cut, frames), checks)
-    if (axis := shared.unknowns.scanned) is not None and (z := as_far(coarse, shared.starts[0], axis)) is not None:
-        faults += refuse(clock_faults(coarse, z, cut), checks)
+    faults += refuse(clock_faults(coarse, shared.starts[0], cut), checks)
     z, status, ends = searched(evaluator, coarse, shared, strategy)
     try:
         best = judged(evaluator, made, z, noise, settings.polish if status == "converged" else 0, settings.tol)
