@@ -64,4 +64,5 @@ def with_contributions(result: FitResult, ticker: Ticker, takes: Sequence[Take])
     follows = all(model.bodies and all(hasattr(load, "reshaped") for load in model.loads) for model in models)
     shifts = any(name.startswith("marker.") for name in result.values)
     added = contributions(result, held, None if shifts else 1e-3, 0.01 if follows else None, ticker.show)
-    return dataclasses.replace(result, contributions=tuple(added))
+    sound = tuple(each for each in added if np.isfinite([*each.shift.values()]).all())  # others have no motion to tell
+    return dataclasses.replace(result, contributions=sound)
