@@ -156,6 +156,7 @@ def test_an_interruption_behind_the_search_keeps_what_it_found(beam, stage, monk
     assert result.status == "interrupted" and result.values == pytest.approx(TRUE, rel=1e-3)
 
 
+@pytest.mark.slow
 def test_an_interruption_of_drawn_starts_keeps_the_best_of_all(beam):
     def stop(stage, iteration, loss, values):
         if stage == "starts":

@@ -135,12 +135,14 @@ def beam():
     return Beam()
 
 
+@pytest.mark.slow
 def test_a_clock_that_is_off_is_refused_in_a_fit_and_told_where_it_goes_on(beam):
     with pytest.raises(FitError, match=r"the clock: markers sink by up to .* times are 1\.\d* times too long"):
         beam.fit(1.5)
     assert any("times are 1.5" in text for text in beam.fit(1.5, checks="warn").warnings)
 
 
+@pytest.mark.slow
 def test_a_release_that_was_given_is_held_against_the_recording(beam):
     with pytest.raises(FitError, match=r"markers move before the release = 0.23 s .* let go at 0.2 s"):
         beam.fit(release=0.23)
@@ -198,6 +200,7 @@ def model_of(cells, **more):
     return jf.build(jf.Scene([body], gravity=(0.0, 0.0, -G)))
 
 
+@pytest.mark.slow
 def test_a_coarse_mesh_is_too_stiff_by_what_is_told():
     """What each mesh misses is found from it alone, and how far they sink in equilibrium differs by these factors."""
     scenes = [model_of(cells) for cells in ((3, 1, 1), (6, 2, 2), (12, 4, 4))]
