@@ -58,9 +58,8 @@ def with_contributions(result: FitResult, ticker: Ticker, takes: Sequence[Take])
     """Type B of 1 % in the density and the size of soft bodies, of 5 % in other constants of materials that were held,
     and of 1 mm in marker places that were not fitted."""
     models = [take.model for take in takes]
-    fitted = {name.split(".")[0] for name in result.values}
-    fitted |= {"young", "poisson"} if fitted & {"shear_modulus", "bulk_modulus"} else set()
-    held = {name: DENSITY if name == "density" else OTHERS for name in _held_constants(takes) if name not in fitted}
+    names = [name for name in _held_constants(takes) if name not in result.fitted_constants]
+    held = {name: DENSITY if name == "density" else OTHERS for name in names}
     follows = all(model.bodies and all(hasattr(load, "reshaped") for load in model.loads) for model in models)
     shifts = any(name.startswith("marker.") for name in result.values)
     added = contributions(result, held, None if shifts else 1e-3, 0.01 if follows else None, ticker.show)

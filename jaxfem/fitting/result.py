@@ -180,13 +180,16 @@ class FitResult:
         """Root mean square residual of a coordinate of the first take."""
         return self.takes[0].noise
 
+    @property
+    def fitted_constants(self) -> set[str]:
+        """Names of the materials' constants that were fitted, of some body or take at least."""
+        fitted = {name.split(".")[0] for name in self.values}
+        return fitted | ({"young", "poisson"} if fitted & {"shear_modulus", "bulk_modulus"} else set())
+
     def _held(self) -> str:
         """Constants of materials that were not fitted, of the first take: what they are off by is in no error bar."""
-        fitted = {name.split(".")[0] for name in self.values}
-        fitted |= {"young", "poisson"} if fitted & {"shear_modulus", "bulk_modulus"} else set()
-        kept = {
-            name: np.asarray(value, np.float64) for name, value in self.params.constants.items() if name not in fitted
-        }
+        fitted, known = self.fitted_constants, self.params.constants.items()
+        kept = {name: np.asarray(value, np.float64) for name, value in known if name not in fitted}
         return ", ".join(f"{name} {_range(value)}" for name, value in sorted(kept.items()) if value.size)
 
     def summary(self) -> str:

@@ -173,9 +173,8 @@ def channels_of(number: int, made: Prepared, weights: np.ndarray) -> list[Channe
     """Markers of a take by the rows in which they were seen; `weights` (T, M, 3) of the residuals."""
     measured = made.measured
     level = made.take.compare == "displacement"
-    quiet = (
-        level and not measured.free_origin
-    )  # in the recording's axes where the frame is found with the fit: noise is noise
+    # In the recording's axes where the frame is found with the fit: noise is noise.
+    quiet = level and not measured.free_origin
     still = -measured.still * weights.max(axis=0) if quiet else np.zeros((0, *weights.shape[1:]))
     when = np.round(measured.times / measured.spacing).astype(int)
     before: np.ndarray = np.asarray(np.isfinite(still).all(axis=-1))
