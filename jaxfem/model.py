@@ -14,6 +14,7 @@ from jaxfem.elements.mass import MassKind, SharedMass, consistent_share, is_diag
 from jaxfem.elements.pattern import Pattern
 from jaxfem.elements.reshaping import Shaped
 from jaxfem.elements.tetra import Elements, RotationKind
+from jaxfem.indexing import gather, scatter_add
 from jaxfem.loads import ResolvedLoad
 from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
@@ -208,7 +209,7 @@ def per_element(model: Model, value: Array) -> Array:
     value = jnp.asarray(value)
     if value.ndim == 0 or value.shape == (1,):
         return jnp.broadcast_to(value.reshape(()), (model.elements.count,))
-    return value if value.shape == (model.elements.count,) else value[model.elements.body]
+    return value if value.shape == (model.elements.count,) else gather(value, model.elements.body)
 
 
 def elementwise(model: Model, value: Array) -> Array:
@@ -259,7 +260,7 @@ def nodal_stiffness(model: Model, params: Params) -> Array:
     elements = model.elements
     shear = element_stiffness(model, params)[1] / 2
     parts = shear * elements.volumes * jnp.sum(elements.gradients**2, 1)
-    stiffness: Array = jnp.zeros(model.nodes, parts.dtype).at[elements.cells].add(parts.T)
+    stiffness: Array = scatter_add(parts.T, elements.cells, model.nodes)
     return stiffness
 
 

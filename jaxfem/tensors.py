@@ -6,11 +6,14 @@ into one pass. So kernels hold a matrix as `Matrix3`: three rows of three arrays
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from functools import cache
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
+
+from jaxfem.indexing import gather
 
 Array = jax.Array
 Vector3 = Sequence[Array] | Array
@@ -53,7 +56,44 @@ EXACT = jax.lax.Precision.HIGHEST
 
 def contract(subscripts: str, *operands: Array) -> Array:
     """`jnp.einsum` in all digits: accelerators otherwise take ten bits of single precision, and joints open by that."""
+    if len(operands) == 2 and (pair := _pair(subscripts)) is not None:
+        left, right = operands if pair.in_order else operands[::-1]
+        found = jax.lax.dot_general(left, right, pair.dimensions, precision=EXACT)
+        return found if pair.order is None else jax.lax.transpose(found, pair.order)
     return jnp.einsum(subscripts, *operands, precision=EXACT)
+
+
+class _Pair(NamedTuple):
+    """A product of two tensors as one `dot_general`: of them in the order given or the other, its axes then sorted."""
+
+    in_order: bool
+    dimensions: tuple[tuple[tuple[int, ...], tuple[int, ...]], tuple[tuple[int, ...], tuple[int, ...]]]
+    order: tuple[int, ...] | None
+
+
+@cache
+def _pair(subscripts: str) -> _Pair | None:
+    """What `jnp.einsum` would come to, which looks for it at each use, in ten times as long; None where that is more
+    than a product: sums of one tensor's axes, its diagonals, ellipses."""
+    inputs, result = subscripts.split("->")
+    first, second = inputs.split(",")
+    both = set(first) & set(second)
+    over = sorted(both - set(result))
+    repeated = any(len(set(names)) < len(names) for names in (first, second))
+    if "." in subscripts or repeated or {*first, *second} != {*result, *over}:
+        return None
+    shared = "".join(name for name in result if name in both)
+    own = ["".join(name for name in names if name not in both) for names in (first, second)]
+
+    def of(names: str) -> tuple[tuple[int, ...], tuple[int, ...]]:
+        return tuple(map(names.index, over)), tuple(map(names.index, shared))
+
+    (left, at_left), (right, at_right) = of(first), of(second)
+    if shared + own[0] + own[1] == result:
+        return _Pair(True, ((left, right), (at_left, at_right)), None)
+    found = shared + own[1] + own[0]
+    order = None if found == result else tuple(map(found.index, result))
+    return _Pair(False, ((right, left), (at_right, at_left)), order)
 
 
 def matmul(a: Array, b: Array) -> Array:
@@ -72,7 +112,7 @@ def taken(field: Array, index: Array) -> Array:
     Number by number: XLA takes rows of three one after another, at twice the time on a CPU.
     """
     flat = 3 * index[..., None] + jnp.arange(3, dtype=index.dtype)
-    return field.reshape(-1)[flat.reshape(*index.shape[:-1], 3 * index.shape[-1])]
+    return gather(field.reshape(-1), flat.reshape(*index.shape[:-1], 3 * index.shape[-1]))
 
 
 def matrix_of(array: Array) -> Matrix3:

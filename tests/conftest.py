@@ -84,4 +84,4 @@ def _forget_programs():
     """Compiled programs pile up to gigabytes a worker: those in memory go once they take more than a worker's share."""
     yield
     if programs.memory() > programs.most_memory():
-        jax.clear_caches()
+        programs.forget()

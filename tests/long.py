@@ -1,8 +1,8 @@
 """Tests that took long when all were measured: the quick part leaves them out, and the longest wait for `--exhaustive`.
 
 `python -m pytest -n auto --exhaustive --junitxml=times.xml`, with nothing kept, then `python tests/long.py times.xml`
-writes long.txt anew: seconds and node id a line. Who compiles what several tests share depends on the order: one may be
-long that is short alone.
+writes long.txt anew: seconds and node id a line; without --exhaustive, those that wait keep their line. Who compiles
+what several tests share depends on the order: one may be long that is short alone.
 """
 
 import pathlib
@@ -44,5 +44,5 @@ def read(path: str) -> dict[str, float]:
 
 
 if __name__ == "__main__":
-    lines = [f"{seconds:.0f} {name}\n" for name, seconds in sorted(read(sys.argv[1]).items()) if seconds > LONG]
-    FILE.write_text("".join(lines))
+    measured = {name: seconds for name, seconds in listed().items() if seconds > LONGEST} | read(sys.argv[1])
+    FILE.write_text("".join(f"{seconds:.0f} {name}\n" for name, seconds in sorted(measured.items()) if seconds > LONG))

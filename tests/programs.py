@@ -5,6 +5,8 @@ JAXFEM_TEST_CACHE names another folder for them, or is `off`. A JAX_COMPILATION_
 as it is. Workers, the notebooks' kernels and the command line's processes find the folder through the environment.
 """
 
+import ctypes
+import gc
 import os
 import pathlib
 import resource
@@ -48,6 +50,17 @@ def keep(folder: pathlib.Path | None, first: bool) -> None:
         os.environ["JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS"] = "0"  # thousands of small programs take minutes
         jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.0)
         jax.config.update("jax_compilation_cache_dir", str(folder))
+
+
+def forget() -> None:
+    """Drop the programs in memory, and what memory they leave: where none goes back to the system, a worker that once
+    was too large would forget all of them after each file, and trace and load them anew for the next."""
+    jax.clear_caches()
+    gc.collect()
+    try:
+        ctypes.CDLL("libc.so.6").malloc_trim(0)
+    except (OSError, AttributeError):  # not glibc
+        pass
 
 
 def memory() -> float:

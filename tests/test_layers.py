@@ -11,7 +11,7 @@ ROOT = pathlib.Path(jaxfem.__file__).parent
 
 # Ground first: a module may import from its own layer and from those before it.
 LAYERS = [
-    ["answers", "pytrees", "batching", "inputs", "ranges", "registry"],
+    ["answers", "pytrees", "batching", "inputs", "ranges", "registry", "indexing"],
     ["rotation", "tensors"],
     ["solvers", "mesh", "materials"],
     ["schemes", "motion", "loads"],

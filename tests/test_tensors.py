@@ -1,5 +1,7 @@
+import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from jaxfem import tensors
 
@@ -52,3 +54,32 @@ def test_guarded_inverse_stays_finite_for_singular_matrices():
     zero = np.zeros((3, 3, 2))
     zero[0, 0, 1] = 1.0
     assert np.isfinite(np.asarray(tensors.array_of(tensors.guarded_inverse(jnp.asarray(zero))))).all()
+
+
+PRODUCTS = [
+    "mrk,mk->mr",
+    "mrk,mr->mk",
+    "mij,mik->mjk",
+    "ij,jak->iak",
+    "mki,kj->mij",
+    "bij,bj->bi",
+    "mji,mkj->mki",
+    "i,j->ji",
+]
+SUMS = ["ij,jk->k", "ii,ij->j", "...ij,jk->...ik", "mrai,mrbi,mab->mr"]
+
+
+@pytest.mark.parametrize("subscripts", PRODUCTS + SUMS)
+def test_contractions_are_those_of_einsum_to_the_last_digit(subscripts):
+    size = {name: number for number, name in enumerate("abijkmr", start=2)} | {".": 2}
+    shapes = [[size[name] for name in names.replace("...", ".")] for names in subscripts.split("->")[0].split(",")]
+    tensors_ = [jnp.asarray(RNG.standard_normal(shape)) for shape in shapes]
+    found = tensors.contract(subscripts, *tensors_)
+    np.testing.assert_array_equal(found, jnp.einsum(subscripts, *tensors_, precision="highest"))
+
+
+def test_a_product_of_two_is_traced_as_one():
+    for subscripts, count in ("mrk,mk->mr", 1), ("mij,mik->mjk", 1), ("i,j->ji", 1):
+        shapes = [[2 + "ijkmr".index(name) for name in names] for names in subscripts.split("->")[0].split(",")]
+        program = jax.make_jaxpr(lambda a, b, s=subscripts: tensors.contract(s, a, b))(*map(jnp.ones, shapes))
+        assert [str(each.primitive) for each in program.eqns] == ["dot_general"] * count

@@ -13,6 +13,7 @@ import jax.numpy as jnp
 
 from jaxfem.elements.strains import PARTS, Part, rows_of
 from jaxfem.elements.tetra import RotationKind, rotated_strain, rotation_of, tetra_gradient
+from jaxfem.indexing import gather, scatter_add
 from jaxfem.materials.base import Material
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
@@ -45,11 +46,11 @@ class Clusters(Pytree):
 
     def mean(self, values: Array) -> Array:
         """Mean of a domain-wise value (D,) over each cluster, (C,)."""
-        return jnp.zeros(self.count, values.dtype).at[self.owner].add(self.shares * values)
+        return scatter_add(self.shares * values, self.owner, self.count)
 
     def spread(self, values: Array) -> Array:
         """The transpose of `mean`: (C,) -> (D,)."""
-        return self.shares * values[self.owner]
+        return self.shares * gather(values, self.owner)
 
 
 class Domains(Pytree):
@@ -117,7 +118,7 @@ def domain_gradient(domains: Domains, field: Array) -> Matrix3:
     """
     if domains.cells.shape[1] == 4:
         return tetra_gradient(domains.cells, domains.gradients, field)
-    corners = field[domains.cells]
+    corners = gather(field, domains.cells)
     differences = corners - corners[:, :1]
     exact = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer digits
     return matrix_of(jnp.einsum("dai,ajd->ijd", differences, domains.gradients, precision=exact))
@@ -184,7 +185,7 @@ def domain_force(domains: Domains, rotation: Matrix3, stress: Sequence[Array], n
     others = sum((turned[None, :, j] * g[1:, None, j] for j in (1, 2)), start=turned[None, :, 0] * g[1:, None, 0])
     # The first node takes the reaction, so that forces sum to zero to the last digit.
     forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
-    return jnp.zeros((nodes, 3), forces.dtype).at[domains.cells].add(forces)
+    return scatter_add(forces, domains.cells, nodes)
 
 
 class DomainMaterial(Pytree):
@@ -249,5 +250,5 @@ def domain_mean(domains: Domains, value: Array) -> Array:
     """Mean of an elementwise value () or (E,) over what each set of rows stands for: () or (D,) or (C,)."""
     if domains.members is None or domains.shares is None or jnp.ndim(value) == 0:
         return value
-    mean = jnp.sum(value[domains.members] * domains.shares, axis=1)
+    mean = jnp.sum(gather(value, domains.members) * domains.shares, axis=1)
     return mean if domains.clusters is None else domains.clusters.mean(mean)

@@ -11,6 +11,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient, domain_material, domain_mean, row_means
+from jaxfem.indexing import scatter_add
 from jaxfem.materials.nonlinear import Nonlinear
 from jaxfem.materials.principal import slope_of, tangent_of
 from jaxfem.pytrees import Pytree
@@ -181,7 +182,7 @@ def force(domains: Domains, stress: Array, nodes: int) -> Array:
     others = sum((stress[None, :, j] * g[1:, None, j] for j in (1, 2)), start=stress[None, :, 0] * g[1:, None, 0])
     # The first node takes the reaction, so that forces sum to zero to the last digit.
     forces = jnp.concatenate([-jnp.sum(others, axis=0, keepdims=True), others]).transpose(2, 0, 1)
-    return jnp.zeros((nodes, 3), forces.dtype).at[domains.cells].add(forces)
+    return scatter_add(forces, domains.cells, nodes)
 
 
 def response(domains: Domains, positions: Array, material: LawMaterial) -> tuple[Array, Array]:

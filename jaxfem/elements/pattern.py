@@ -2,6 +2,7 @@
 
 import jax
 
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree, static
 
 Array = jax.Array
@@ -38,8 +39,8 @@ class Pattern(Pytree):
     def gathered(self, field: Array) -> Array:
         """A nodal field (n, ...) in solver order (N, ...); zero on padding."""
         shape = (-1,) + (1,) * (field.ndim - 1)
-        return field[self.order] * self.real.reshape(shape)
+        return gather(field, self.order) * self.real.reshape(shape)
 
     def scattered(self, field: Array) -> Array:
         """A field in solver order (N, ...) in the user's order (n, ...)."""
-        return field[self.place]
+        return gather(field, self.place)

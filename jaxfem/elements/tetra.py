@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree
 from jaxfem.rotation import gram_schmidt_components, polar_components
 from jaxfem.tensors import Matrix3, matrix_of, product, symmetric, to_eigenbasis, transposed
@@ -49,7 +50,7 @@ def tetra_gradient(cells: Array, gradients: Array, field: Array) -> Matrix3:
     """
     # Written out: twice as fast on a CPU as a product. The barrier keeps XLA from gathering anew for each entry.
     along = field.T
-    corners = jnp.stack([along[i][cells.T] for i in range(3)])
+    corners = jnp.stack([gather(along[i], cells.T) for i in range(3)])
     difference = jax.lax.optimization_barrier(corners[:, 1:] - corners[:, :1])
     parts = (difference[:, a, None] * gradients[a + 1] for a in (1, 2))
     return matrix_of(sum(parts, start=difference[:, 0, None] * gradients[1]))

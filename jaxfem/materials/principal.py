@@ -10,6 +10,7 @@ from collections.abc import Callable
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 from jaxfem.rotation import polar_components
 from jaxfem.tensors import Matrix3, array_of, contract, matrix_of, product, symmetric_eigenpairs, transposed
@@ -18,6 +19,10 @@ Array = jax.Array
 Energy = Callable[[Array], Array]
 
 _PAIRS = ((1, 2), (0, 2), (0, 1))
+_EQUAL = np.eye(3, dtype=bool)
+_DIAGONAL, _SAME, _MIRRORED = (
+    np.einsum(f"{axes}->ijkl", _EQUAL, _EQUAL)[..., None] for axes in ("ij,kl", "ik,jl", "il,jk")
+)
 
 
 def slope_of(energy: Energy, gradient: Array) -> Array:
@@ -48,17 +53,18 @@ def definite_part(tangent: Array, gradient: Array) -> Array:
     worst = jnp.min(values, axis=0)
     # What is taken away, so that digits of what stays are not lost.
     excess = contract("kid,kd,kjd->ijd", rows, jnp.minimum(values, 0), rows)
-    taken = jnp.zeros_like(entries)
-    for i in range(3):
-        for k in range(3):
-            taken = taken.at[i, i, k, k].set(excess[i, k])
+    zero = jnp.zeros_like(worst)
+    straight, across = [[zero] * 3 for _ in range(3)], [[zero] * 3 for _ in range(3)]
     for i, j in _PAIRS:
         same, crossed = entries[i, j, i, j], entries[i, j, j, i]
         twist, flip = jnp.minimum(same + crossed, 0), jnp.minimum(same - crossed, 0)
         worst = jnp.minimum(worst, jnp.minimum(twist, flip))
-        same, crossed = 0.5 * (twist + flip), 0.5 * (twist - flip)
-        taken = taken.at[i, j, i, j].set(same).at[j, i, j, i].set(same)
-        taken = taken.at[i, j, j, i].set(crossed).at[j, i, i, j].set(crossed)
+        straight[i][j] = straight[j][i] = 0.5 * (twist + flip)
+        across[i][j] = across[j][i] = 0.5 * (twist - flip)
+    # Entry (ij, kl): that of i and k where i = j and k = l, else that of i and j where ij = kl or ij = lk.
+    beside = jnp.where(_MIRRORED, array_of(across)[:, :, None, None], 0)
+    beside = jnp.where(_SAME, array_of(straight)[:, :, None, None], beside)
+    taken = jnp.where(_DIAGONAL, excess[:, None, :, None], beside)
     less = _product(_product(turn, taken.reshape(9, 9, -1)), turn.swapaxes(0, 1))
     return jnp.where(worst < 0, tangent - less, tangent)
 

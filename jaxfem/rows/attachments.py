@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.barycentric import barycentric
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import contract, skew
 
@@ -84,11 +85,11 @@ class RigidPoint(Pytree):
     def placed(self, at: Configuration) -> Placed:
         """Centre plus the turned arm r; velocity v + w x r."""
         arm = self.arm(at)
-        return moving_with_body(at, self.body, at.centers[self.body] + arm)
+        return moving_with_body(at, self.body, gather(at.centers, self.body) + arm)
 
     def arm(self, at: Configuration) -> Array:
         """From the centre of mass to the point, in the world frame (m, 3)."""
-        return contract("mij,mj->mi", at.rotations[self.body], self.local)
+        return contract("mij,mj->mi", gather(at.rotations, self.body), self.local)
 
     def drift(self, change: Reshaping) -> None:
         """They stay."""
@@ -109,7 +110,7 @@ class SoftPoint(Pytree):
         """The same mean of positions and of velocities."""
         m, k = self.nodes.shape
         spread = self.weights[:, None, :, None] * jnp.eye(3, dtype=self.weights.dtype)[:, None, :]
-        position = contract("mk,mki->mi", self.weights, at.nodes[self.nodes])
+        position = contract("mk,mki->mi", self.weights, gather(at.nodes, self.nodes))
         return Placed(position, self.nodes, spread.reshape(m, 3, 3 * k))
 
     def drift(self, change: Reshaping) -> Array:
@@ -143,7 +144,7 @@ class WorldPoint(Pytree):
 
 def moving_with_body(at: Configuration, body: Array, position: Array) -> Placed:
     """World points (m, 3) as parts of rigid bodies (m,): velocity v + w x (position - centre)."""
-    arm = position - at.centers[body]
+    arm = position - gather(at.centers, body)
     identity = jnp.broadcast_to(jnp.eye(3, dtype=arm.dtype), (*arm.shape, 3))
     triples = jnp.stack([at.linear(body), at.angular(body)], -1)
     return Placed(position, triples, jnp.concatenate([identity, -skew(arm)], -1))
@@ -158,7 +159,7 @@ class RigidFrame(Pytree):
 
     def axes(self, at: Configuration) -> Array:
         """Axes in the world, in columns (m, 3, 3)."""
-        return contract("mij,mjk->mik", at.rotations[self.body], self.local)
+        return contract("mij,mjk->mik", gather(at.rotations, self.body), self.local)
 
     def spin(self, at: Configuration) -> tuple[Array, Array]:
         """Angular velocity as jacobian (m, 3, 3) on triples (m, 1)."""

@@ -15,13 +15,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.indexing import gather
 from jaxfem.materials.quantities import positive, share
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
 from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
 from jaxfem.rows.points import PointRows
 from jaxfem.rows.triangles import areas_around
-from jaxfem.tensors import contract
+from jaxfem.tensors import contract, taken
 
 Array = jax.Array
 
@@ -180,7 +181,7 @@ class ShapeContacts(Candidates):
         self, gap: Array, normal: Array, places: Array, points: RigidPoint, at: Configuration
     ) -> tuple[Array, Array]:
         """Gap and normal of corners: of bodies in one another, those of the plane across which they part."""
-        inside = ASIDE * (at.centers[points.body] - places) * (self.radius == 0)[:, None]
+        inside = ASIDE * (gather(at.centers, points.body) - places) * (self.radius == 0)[:, None]
         depth = gap - self.radius
         gap, normal, there = self._at_edges(gap, normal, places, inside, at)
         both = there < -OVERLAP * jnp.linalg.norm(jax.lax.stop_gradient(inside), axis=-1)
@@ -204,20 +205,19 @@ class ShapeContacts(Candidates):
         points' own: bodies inside each other go apart across it, where their nearest faces would each push another
         way."""
         lean = LEAN * self.margin[:, None] * jnp.asarray(LEANING, places.dtype)
-        centre = at.centers[points.body] + jnp.where((points.body > self.body)[:, None], lean, -lean)
+        centre = gather(at.centers, points.body) + jnp.where((points.body > self.body)[:, None], lean, -lean)
         height, way = self._distance(centre, at)
         return height + jnp.sum(way * (places - centre), -1), way
 
     def _distance(self, places: Array, at: Configuration) -> tuple[Array, Array]:
-        def one(shape: Any, place: Array) -> Array:
-            found: Array = shape.distance(place)
-            return found
+        def one(shape: Any, place: Array) -> Any:
+            return shape.distance(place)
 
         measure = jax.vmap(jax.value_and_grad(one, argnums=1), in_axes=(None if self.shared else 0, 0))
         if self.body is None:
             return measure(self.shape, places)
-        turn = at.rotations[self.body]
-        local = contract("mji,mj->mi", turn, places - at.centers[self.body])
+        turn, centre = gather(at.rotations, self.body), gather(at.centers, self.body)
+        local = contract("mji,mj->mi", turn, places - centre)
         gap, normal = measure(self.shape, local if self.offset is None else local + self.offset)
         return gap, contract("mij,mj->mi", turn, normal)
 
@@ -280,7 +280,7 @@ def tangents(normal: Array) -> Array:
 
 
 def _across(rows: Array, triples: Array, velocities: Array) -> Array:
-    return contract("mrk,mk->mr", rows, velocities[triples].reshape(rows.shape[0], -1))
+    return contract("mrk,mk->mr", rows, taken(velocities, triples))
 
 
 def _way_before(gap: Array, coming: Array, bias: Array, dt: Array) -> Array:

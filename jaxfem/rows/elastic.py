@@ -17,6 +17,7 @@ from jaxfem.elements.domains import (
 )
 from jaxfem.elements.finite import of_energy
 from jaxfem.elements.tetra import RotationKind
+from jaxfem.indexing import gather, scatter_add
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rows.lawful import LawRows, law_rows
 from jaxfem.schemes import Stage
@@ -79,9 +80,9 @@ class ElasticRows(Pytree):
         clusters = self.domains.clusters
         if clusters is not None:
             arms = cluster_arms(self.domains, turned_gradients(self.domains, self.rotation)) / jnp.sqrt(3.0)
-            parts = jnp.sum(arms[:-1] ** 2, axis=1) * inverse_mass[clusters.slot_node]
+            parts = jnp.sum(arms[:-1] ** 2, axis=1) * gather(inverse_mass, clusters.slot_node)
             return jnp.zeros((1, clusters.count), parts.dtype).at[0, clusters.slot_cluster].add(parts)
-        corner = inverse_mass[self.domains.cells].T
+        corner = gather(inverse_mass, self.domains.cells).T
         basis = jnp.asarray(EIGENBASIS[self.domains.rows], corner.dtype)
         spread = contract("rij,aje->raie", basis, self.domains.gradients)
         return contract("raie,raie,ae->re", spread, spread, corner)
@@ -102,7 +103,7 @@ def cluster_arms(domains: Domains, turned: Array) -> Array:
     clusters = domains.clusters
     assert clusters is not None
     parts = (clusters.shares * turned).transpose(2, 0, 1)
-    return jnp.zeros((clusters.slot_node.shape[0] + 1, 3), parts.dtype).at[clusters.slots].add(parts)
+    return scatter_add(parts, clusters.slots, clusters.slot_node.shape[0] + 1)
 
 
 def elastic_rows(

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 
+from jaxfem.indexing import gather, scatter_add, with_last
 from jaxfem.pytrees import Pytree, static
 from jaxfem.tensors import contract, taken
 
@@ -38,7 +39,7 @@ class PointRows(Pytree):
     def apply_transpose(self, impulses: Array) -> Array:
         """J' lam: (m, r) -> (n, 3)."""
         parts = contract("mrk,mr->mk", self.jacobian, impulses).reshape(*self.triples.shape, 3)
-        return jnp.zeros((self.unknowns, 3), parts.dtype).at[self.triples].add(parts)
+        return scatter_add(parts, self.triples, self.unknowns)
 
     def diagonal(self, inverse_mass: Array, inverse_inertia: Array | None = None) -> Array:
         """Diagonal of J M^-1 J': (m, r). Repeated triples are summed first.
@@ -50,7 +51,7 @@ class PointRows(Pytree):
         same = self.triples[:, :, None] == self.triples[:, None, :]
         if inverse_inertia is not None:
             scalars = inverse_mass[:, None, None] * jnp.eye(3, dtype=inverse_mass.dtype)
-            blocks = scalars.at[self.unknowns - inverse_inertia.shape[0] :].add(inverse_inertia)[self.triples]
+            blocks = gather(with_last(scalars, inverse_inertia), self.triples)
             return contract("mrai,maij,mrbj,mab->mr", parts, blocks, parts, same.astype(parts.dtype))
-        same = same * inverse_mass[self.triples][:, :, None]
+        same = same * gather(inverse_mass, self.triples)[:, :, None]
         return contract("mrai,mrbi,mab->mr", parts, parts, same)

@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.elimination_order import Core, EliminationOrder, Leaves, upper_pairs
 from jaxfem.tensors import EXACT
@@ -80,9 +81,9 @@ def product(a: Array, b: Array) -> Array:
 
 def _eliminate(count: int, table: Array, leaves: Leaves) -> tuple[Array, tuple[Array, Array]]:
     own = jnp.where(leaves.nodes < count, leaves.nodes, table.shape[0] - 1)
-    inverse = inverse_definite(_last(table[own]))
+    inverse = inverse_definite(_last(gather(table, own)))
     width = leaves.others.shape[-1]
-    beside = [_last(table[leaves.beside[:, w]]) for w in range(width)]
+    beside = [_last(gather(table, leaves.beside[:, w])) for w in range(width)]
     ratios = [product(each, inverse) for each in beside]
     changes = [product(ratios[a], beside[b].swapaxes(0, 1)) for a, b in upper_pairs(width)]
     for number, change in enumerate(changes):
@@ -93,7 +94,7 @@ def _eliminate(count: int, table: Array, leaves: Leaves) -> tuple[Array, tuple[A
 
 def _forward(field: Array, inputs: Any) -> tuple[Array, None]:
     leaves, ratio = inputs
-    own = field[leaves.nodes].T
+    own = gather(field, leaves.nodes).T
     for w in range(ratio.shape[0]):
         field = field.at[leaves.others[:, w]].add(-_times(ratio[w], own).T)
     return field, None
@@ -101,9 +102,9 @@ def _forward(field: Array, inputs: Any) -> tuple[Array, None]:
 
 def _backward(field: Array, inputs: Any) -> tuple[Array, None]:
     leaves, inverse, ratio = inputs
-    own = _times(inverse, field[leaves.nodes].T)
+    own = _times(inverse, gather(field, leaves.nodes).T)
     for w in range(ratio.shape[0]):
-        own = own - _times(ratio[w].swapaxes(0, 1), field[leaves.others[:, w]].T)
+        own = own - _times(ratio[w].swapaxes(0, 1), gather(field, leaves.others[:, w]).T)
     return field.at[leaves.nodes].set(own.T), None
 
 
@@ -121,7 +122,7 @@ def _factorise_core(core: Core, table: Array) -> tuple[Array, Array]:
     s = table.shape[-1]
 
     def dense(index: Array) -> Array:
-        return table[index].swapaxes(1, 2).reshape(size * s, size * s)
+        return gather(table, index).swapaxes(1, 2).reshape(size * s, size * s)
 
     eye = jnp.eye(size * s, dtype=table.dtype)
 
@@ -140,7 +141,7 @@ def _factorise_core(core: Core, table: Array) -> tuple[Array, Array]:
 def _solve_core(core: Core, factor: EliminationFactor, field: Array) -> Array:
     lower, across = factor.lower, factor.across
     assert lower is not None and across is not None
-    right = field[core.nodes].reshape(core.nodes.shape[0], -1)
+    right = gather(field, core.nodes).reshape(core.nodes.shape[0], -1)
     if core.nodes.shape[0] == 1:
         x = jnp.matmul(lower[0].T, jnp.matmul(lower[0], right[0], precision=EXACT), precision=EXACT)[None]
     else:

@@ -20,6 +20,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.indexing import with_last
 from jaxfem.model import Model, Params, State, nodal_mass, nodal_stiffness
 from jaxfem.rigid.dynamics import advanced, free_spin, midway, prescribed_velocities, world_inertia
 from jaxfem.rotation import quaternion_to_matrix
@@ -201,8 +202,7 @@ def apply_inverse_mass(inverse: tuple[Array, Array | None], momentum: Array) -> 
     velocities = scalar[:, None] * momentum
     if blocks is None:
         return velocities
-    bodies = blocks.shape[0]
-    return velocities.at[-bodies:].set(contract("bij,bj->bi", blocks, momentum[-bodies:]))
+    return with_last(velocities, contract("bij,bj->bi", blocks, momentum[-blocks.shape[0] :]))
 
 
 def apply_mass(system: System, velocities: Array) -> Array:
@@ -212,7 +212,7 @@ def apply_mass(system: System, velocities: Array) -> Array:
         return momentum
     bodies = system.inertia.shape[0]
     turning = contract("bij,bj->bi", system.inertia, velocities[-bodies:]) * system.free[-bodies:, None]
-    return momentum.at[-bodies:].set(turning)
+    return with_last(momentum, turning)
 
 
 def midway_inertia(model: Model, params: Params, state: State, dt: Array) -> Array:

@@ -17,6 +17,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.mass import SharedMass
+from jaxfem.indexing import gather, scatter_add
 from jaxfem.model import Drifting, Model, Params, State, nodal_mass, shared_mass
 from jaxfem.rows.bounds import Impulses
 from jaxfem.system import rigid_part
@@ -47,12 +48,11 @@ class _Groups(NamedTuple):
 
     def sums(self, values: Array) -> Array:
         """Sums (g, ...) of values (p, ...) of the points."""
-        zeros = jnp.zeros((self.number, *values.shape[1:]), values.dtype)
-        return zeros.at[self.of[: values.shape[0]]].add(values)
+        return scatter_add(values, self.of[: values.shape[0]], self.number)
 
     def spread(self, values: Array, points: int) -> Array:
         """Each of the first `points`' own of values (g, ...) of the groups."""
-        return values[self.of[:points]]
+        return gather(values, self.of[:points])
 
 
 def kept(model: Model, system: System, places: Array, velocities: Array, impulses: Impulses | None) -> Array:

@@ -10,6 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.indexing import gather, with_last
 from jaxfem.methods.allrows.order import RowOrder, row_order
 from jaxfem.rigid.dynamics import RigidSet
 from jaxfem.rows.bounds import Impulses, named
@@ -49,10 +50,10 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
         [(rows.jacobian * scale[name][:, :, None]).reshape(-1, 3) for name, rows in system.extra.items()]
     )
     jacobian = jnp.concatenate([jacobian, jnp.zeros((1, 3), jacobian.dtype)])
-    entries = sum(jacobian[order.parts[..., q]] for q in range(repeats))  # (N, s, t, 3)
+    entries = sum(gather(jacobian, order.parts[..., q]) for q in range(repeats))  # (N, s, t, 3)
     entries = jnp.moveaxis(entries, 1, 2).reshape(count * width, size, 3)
     moved = jnp.moveaxis(entries, 0, -1)  # (s, 3, N t)
-    pushed = product(moved, jnp.moveaxis(_inverse_mass_blocks(system)[order.triples.reshape(-1)], 0, -1))
+    pushed = product(moved, jnp.moveaxis(gather(_inverse_mass_blocks(system), order.triples.reshape(-1)), 0, -1))
     ends = jnp.zeros((1, size, 3), entries.dtype)
     table, pushed_table = jnp.concatenate([entries, ends]), jnp.concatenate([jnp.moveaxis(pushed, -1, 0), ends])
     diagonal = (
@@ -61,8 +62,8 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
     )
     beside = jnp.zeros((size, size, order.shared.shape[0]), own.dtype)
     for h in range(order.shared.shape[1]):
-        first = jnp.moveaxis(pushed_table[order.shared[:, h, 0]], 0, -1)
-        second = jnp.moveaxis(table[order.shared[:, h, 1]], 0, -1)
+        first = jnp.moveaxis(gather(pushed_table, order.shared[:, h, 0]), 0, -1)
+        second = jnp.moveaxis(gather(table, order.shared[:, h, 1]), 0, -1)
         beside = beside + product(first, second.swapaxes(0, 1))
     return jnp.moveaxis(diagonal, -1, 0), jnp.moveaxis(beside, -1, 0)
 
@@ -71,17 +72,19 @@ def _inverse_mass_blocks(system: System) -> Array:
     """Inverse mass of each triple, (n + 1, 3, 3); zero in the last."""
     scalar, turning = inverse_mass(system)
     blocks = jnp.append(scalar, 0)[:, None, None] * jnp.eye(3, dtype=scalar.dtype)
-    return blocks if turning is None else blocks.at[-1 - turning.shape[0] : -1].set(turning)
+    if turning is None:
+        return blocks
+    return with_last(blocks, jnp.concatenate([turning, jnp.zeros((1, 3, 3), turning.dtype)]))
 
 
 def _packed(order: RowOrder, values: Impulses, padding: float) -> Array:
     """Values of all rows as (N, s)."""
     flat = jnp.concatenate([value.reshape(-1) for value in values.values()])
-    return jnp.append(flat, padding)[order.rows]
+    return gather(jnp.append(flat, padding), order.rows)
 
 
 def _unpacked(order: RowOrder, packed: Array, like: Impulses) -> Impulses:
-    flat, parts, at = packed.reshape(-1)[order.places], [], 0
+    flat, parts, at = gather(packed.reshape(-1), order.places), [], 0
     for value in like.values():
         parts.append(flat[at : at + value.size].reshape(value.shape))
         at += value.size

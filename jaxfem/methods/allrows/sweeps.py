@@ -13,6 +13,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.strains import PLAIN
+from jaxfem.indexing import gather
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.cone import projected_step
 from jaxfem.methods.allrows.operator import RowOperator
@@ -152,7 +153,7 @@ def _blocks(rows: PointRows, inverse: tuple[Array, Array | None]) -> _Blocks:
     scalar, turning = inverse
     m, r, _ = rows.jacobian.shape
     parts = rows.jacobian.reshape(m, r, -1, 3)
-    response = parts * scalar[rows.triples][:, None, :, None]
+    response = parts * gather(scalar, rows.triples)[:, None, :, None]
     if turning is not None:
         first = rows.unknowns - turning.shape[0]
         own = jnp.where((rows.triples >= first)[:, :, None, None], turning[jnp.maximum(rows.triples - first, 0)], 0)

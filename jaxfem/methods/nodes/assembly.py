@@ -10,6 +10,7 @@ from jaxfem.elements.domains import DomainMaterial, Domains, domain_gradient
 from jaxfem.elements.finite import Curvature, curvature, displacement_gradient, of_energy
 from jaxfem.elements.mass import SharedMass
 from jaxfem.elements.pattern import Pattern
+from jaxfem.indexing import gather, scatter_add
 from jaxfem.methods.nodes.factors import Factor, clustered, domain_factor
 from jaxfem.methods.nodes.law_terms import arms_of, law_factor, law_sums
 from jaxfem.methods.nodes.pairs import firsts, seconds
@@ -66,11 +67,11 @@ def assemble(
     free = pattern.gathered(free)
     flat = sums.reshape(-1, 9)
     both = jnp.concatenate([flat, sums.swapaxes(1, 2).reshape(-1, 9), jnp.zeros((1, 9), sums.dtype)])
-    stiffness = both[pattern.blocks].reshape(nodes, width, 3, 3)
+    stiffness = gather(both, pattern.blocks).reshape(nodes, width, 3, 3)
     identity = jnp.eye(3, dtype=sums.dtype)
     own = -stiffness.sum(1) * free[:, None, None] + diagonal[:, None, None] * identity
-    coupled = free[:, None] * free[pattern.neighbours]
-    matrix = (stiffness * coupled[:, :, None, None]).at[:, 0].set(own)
+    coupled = free[:, None] * gather(free, pattern.neighbours)
+    matrix = jnp.concatenate([own[:, None], stiffness[:, 1:] * coupled[:, 1:, None, None]], 1)
     return BlockMatrix(matrix.transpose(0, 2, 1, 3).reshape(nodes, 3, 3 * width), pattern.neighbours, tuple(factors))
 
 
@@ -215,7 +216,7 @@ def _tangent_sums(turned: Array, lam: Array, mu: Array, spin: Array | None, patt
     # Entry by entry along the pairs: whole arrays of blocks are transposed an entry at a time, eight times as slowly.
     entries = jnp.stack([entry for row in block for entry in row], -1)
     where = jnp.concatenate([each.reshape(-1) for each in slots])
-    return jnp.zeros((pattern.pair_count, 9), turned.dtype).at[where].add(entries).reshape(-1, 3, 3)
+    return scatter_add(entries, where, pattern.pair_count).reshape(-1, 3, 3)
 
 
 def _zero_sums(pattern: Pattern, dtype: Any) -> Array:

@@ -18,6 +18,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.batching import lanes_in_turn, one_program
+from jaxfem.indexing import gather
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.cone import cone_residual, width
@@ -212,7 +213,7 @@ class SolverOrder:
 
     def scattered(self, field: Array) -> Array:
         """A field in solver order as (n, 3)."""
-        return field[self.place]
+        return gather(field, self.place)
 
     def product(self, matrix: BlockMatrix) -> Callable[[Array], Array]:
         """The product with the nodes' matrix and the rigid bodies' blocks."""
@@ -223,8 +224,10 @@ class SolverOrder:
 
     def placed(self, rows: PointRows) -> PointRows:
         """The rows on unknowns in solver order, without their hold on what does not move."""
-        moving = jnp.repeat(self.system.free[rows.triples], 3, axis=1)[:, None]
-        return rows.replace(triples=self.place[rows.triples], jacobian=rows.jacobian * moving, unknowns=self.count)
+        moving = jnp.repeat(gather(self.system.free, rows.triples), 3, axis=1)[:, None]
+        return rows.replace(
+            triples=gather(self.place, rows.triples), jacobian=rows.jacobian * moving, unknowns=self.count
+        )
 
 
 def _preconditioner(

@@ -5,6 +5,7 @@ import jax.numpy as jnp
 
 from jaxfem.elements.domains import Clusters, Domains
 from jaxfem.elements.pattern import Pattern
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.elastic import cluster_arms
 from jaxfem.tensors import contract, matmul, taken
@@ -71,7 +72,7 @@ class Factor(Pytree):
 
     def gradient(self, scalars: Array) -> Array:
         """B' s: (D,) -> (N, 3)."""
-        return contract("nki,nk->ni", self.columns, scalars[self.owners])
+        return contract("nki,nk->ni", self.columns, gather(scalars, self.owners))
 
     def apply(self, vector: Array) -> Array:
         """The term times (N, 3)."""
@@ -94,7 +95,7 @@ class Factor(Pytree):
     @property
     def diagonal_blocks(self) -> Array:
         """(N, 3, 3), without the spin, the bend and clusters."""
-        return contract("nki,nkj,nk->nij", self.columns, self.columns, self.weight[self.owners])
+        return contract("nki,nkj,nk->nij", self.columns, self.columns, gather(self.weight, self.owners))
 
     def galerkin(self, modes: Array) -> Array:
         """Z' (B' W B) Z, (6 G, 6 G), for the modes (G, 3 size, 6) of node groups; without spin, bend and clusters."""
@@ -106,7 +107,7 @@ class Factor(Pytree):
         groups, size = modes.shape[0], modes.shape[1] // 3
         at = modes.reshape(groups * size, 3, 6)
         arms = self.rows.reshape(*self.spots.shape, 3)
-        parts = contract("dai,dail->dal", arms, at[self.spots])
+        parts = contract("dai,dail->dal", arms, gather(at, self.spots))
         domain = jnp.arange(self.spots.shape[0])[:, None]
         spread = jnp.zeros((self.spots.shape[0], groups, 6), parts.dtype).at[domain, self.spots // size].add(parts)
         return spread.reshape(self.spots.shape[0], 6 * groups)
@@ -117,10 +118,10 @@ def domain_factor(
 ) -> Factor:
     """Factor of volumetric domains, r_a `turned` (m, 3, D), `weight` (D,); nodes with `free` (n,) 0 drop out."""
     spots, incidences = pattern.spots[number], pattern.incidences[number]
-    moving = pattern.gathered(free)[spots]
+    moving = gather(pattern.gathered(free), spots)
     arms = turned.transpose(2, 0, 1) * moving[:, :, None]
     count, width = spots.shape
-    columns = jnp.concatenate([arms.reshape(-1, 3), jnp.zeros((1, 3), arms.dtype)])[incidences]
+    columns = gather(jnp.concatenate([arms.reshape(-1, 3), jnp.zeros((1, 3), arms.dtype)]), incidences)
     owners = jnp.minimum(incidences // width, count - 1)
     turning = None if spin is None else jnp.moveaxis(spin, -1, 0)
     return Factor(arms.reshape(count, 3 * width), spots, columns, owners, weight, turning)

@@ -8,6 +8,7 @@ import jax.numpy as jnp
 from jaxfem.elements.domains import Domains
 from jaxfem.elements.finite import Curvature
 from jaxfem.elements.pattern import Pattern
+from jaxfem.indexing import scatter_add
 from jaxfem.methods.nodes.factors import Bend, Factor, domain_factor
 from jaxfem.methods.nodes.pairs import firsts, seconds
 
@@ -27,7 +28,7 @@ def law_sums(domains: Domains, found: Curvature, reach: Any, pattern: Pattern, n
     a, b = firsts(g, slots), seconds(along, slots)
     block = [a[0] * b[n] + a[1] * b[n + 3] + a[2] * b[n + 6] for n in (9 * i + k for i in _AXES for k in _AXES)]
     where = jnp.concatenate([each.reshape(-1) for each in slots])
-    sums = jnp.zeros((pattern.pair_count, 9), g.dtype).at[where].add(jnp.stack(block, -1))
+    sums = scatter_add(jnp.stack(block, -1), where, pattern.pair_count)
     return sums.reshape(-1, 3, 3)
 
 

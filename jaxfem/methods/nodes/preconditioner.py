@@ -6,6 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.elements.pattern import Pattern
+from jaxfem.indexing import gather
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.stiff import with_clusters
 from jaxfem.solvers.dense import dense_inverse
@@ -22,7 +23,7 @@ def rigid_modes(pattern: Pattern, positions: Array, free: Array, rotation: Array
     free nodes on one line has no rotations: they would not be independent of each other.
     """
     groups = pattern.frames.shape[0]
-    frame = jnp.moveaxis(rotation[:, :, pattern.frames], -1, 0)  # (groups, 3, 3), columns are the axes
+    frame = gather(jnp.moveaxis(rotation, -1, 0), pattern.frames)  # (groups, 3, 3), columns are the axes
     x = pattern.gathered(positions).reshape(groups, -1, 3)
     weight = pattern.gathered(free).reshape(groups, -1, 1)
     count = jnp.maximum(jnp.sum(weight, 1, keepdims=True), 1)
@@ -54,7 +55,7 @@ def coarse_matrix(matrix: BlockMatrix, modes: Array) -> Array:
     groups, nodes = modes.shape[0], matrix.neighbours.shape[0]
     at = modes.reshape(nodes, 3, 6)
     width = matrix.neighbours.shape[1]
-    gathered = at[matrix.neighbours].reshape(nodes, 3 * width, 6)
+    gathered = gather(at, matrix.neighbours).reshape(nodes, 3 * width, 6)
     spread = matrix.blocks.reshape(nodes, 3, width, 3).transpose(0, 2, 1, 3)
     products = contract("nvij,nvjk->nvik", spread, gathered.reshape(nodes, width, 3, 6))
     blocks = contract("nil,nvik->nvlk", at, products)

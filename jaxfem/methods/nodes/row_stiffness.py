@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 
+from jaxfem.indexing import gather
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.points import PointRows
 from jaxfem.solvers.dense import dense_inverse
@@ -36,7 +37,7 @@ class RowStiffness(Pytree):
 def local_compliance(rows: PointRows, inverse: Array) -> Array:
     """What a unit impulse on each row moves it by, its nodes taken alone: sum_a J_a D_a^-1 J_a', (m, r)."""
     parts = _parts(rows)
-    return contract("mrai,maij,mraj->mr", parts, inverse[rows.triples], parts)
+    return contract("mrai,maij,mraj->mr", parts, gather(inverse, rows.triples), parts)
 
 
 def stiffened(matvec: Callable[[Array], Array], kinds: Sequence[RowStiffness]) -> Callable[[Array], Array]:
