@@ -1,5 +1,8 @@
 """Sparse rows: each block of rows couples a few triples of the unknown. Joints, limits, motors, contacts, friction."""
 
+from collections import OrderedDict
+from collections.abc import Mapping
+
 import jax
 import jax.numpy as jnp
 
@@ -55,3 +58,24 @@ class PointRows(Pytree):
             return contract("mrai,maij,mrbj,mab->mr", parts, blocks, parts, same.astype(parts.dtype))
         same = same * gather(inverse_mass, self.triples)[:, :, None]
         return contract("mrai,mrbi,mab->mr", parts, parts, same)
+
+
+def rates(groups: Mapping[str, PointRows], velocities: Array) -> OrderedDict[str, Array]:
+    """J v of all groups, (m, r) each, of velocities (n, 3): what they need is taken from these at once."""
+    ends, at, found = taken(velocities, _triples(groups)), 0, OrderedDict[str, Array]()
+    for name, rows in groups.items():
+        own = ends[at : at + 3 * rows.triples.size].reshape(rows.triples.shape[0], -1)
+        found[name] = contract("mrk,mk->mr", rows.jacobian, own)
+        at += 3 * rows.triples.size
+    return found
+
+
+def pushes(groups: Mapping[str, PointRows], impulses: Mapping[str, Array]) -> Array:
+    """The sum of J' lam of all groups, (n, 3), of impulses (m, r) each: added up at once."""
+    parts = (contract("mrk,mr->mk", rows.jacobian, impulses[name]) for name, rows in groups.items())
+    unknowns = next(iter(groups.values())).unknowns
+    return scatter_add(jnp.concatenate([part.reshape(-1, 3) for part in parts]), _triples(groups), unknowns)
+
+
+def _triples(groups: Mapping[str, PointRows]) -> Array:
+    return jnp.concatenate([rows.triples.reshape(-1) for rows in groups.values()])

@@ -5,14 +5,13 @@ from typing import Any
 import jax
 
 from jaxfem.answers import alike, described
-from jaxfem.batching import one_program
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.stepping.checks import StepError
 
 Array = jax.Array
 
 
-@one_program
+@jax.jit  # a call within other programs: these and their derivatives share one trace of a step
 def step_taken(
     model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
 ) -> tuple[State, StepInfo]:

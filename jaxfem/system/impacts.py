@@ -25,9 +25,10 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.batching import cond_any
+from jaxfem.indexing import gather
 from jaxfem.rows.bounds import Friction
 from jaxfem.rows.contact import Gaps
-from jaxfem.rows.points import PointRows
+from jaxfem.rows.points import PointRows, pushes
 from jaxfem.system.meeting_arms import BETWEEN, with_arms_when_struck
 
 Array = jax.Array
@@ -158,11 +159,11 @@ def _placed(
     dt: Array,
 ) -> tuple[OrderedDict[str, Array], OrderedDict[str, Array], Array]:
     """Biases of the groups, the Jacobians of those that are `turning`, and the bodies' shares."""
-    pushed = [extra[name].apply_transpose(lam) for name, lam in last.items() if name in extra]
-    held = inverse(sum(pushed, start=jnp.zeros_like(unhindered)))
+    known = {name: extra[name] for name in last if name in extra}
+    held = inverse(pushes(known, last) if known else jnp.zeros_like(unhindered))
     events = [_event(way, held, islands.shape[0], dt) for way in ways.values()]
     slots = _shares(list(ways.values()), events, islands.shape[0])
-    share = slots[islands]
+    share = gather(slots, islands)
     nodes = before.shape[0] - 2 * share.shape[0]
     gone = jnp.concatenate([jnp.zeros(nodes, share.dtype), share, share])[:, None] * before
     rows = extra
@@ -174,7 +175,7 @@ def _placed(
         rate = way.side * rows[name].apply(before)
         biases[name] = _bias(way._replace(rows=rows[name], rate=rate), event, slots, gone, dt)
     for name, each in friction.items():  # it acts on the velocities after the impact
-        struck = slots[ways[each.normal].bodies].max(axis=1, keepdims=True) > 0
+        struck = gather(slots, ways[each.normal].bodies).max(axis=1, keepdims=True) > 0
         biases[name] = jnp.where(struck, 0, extra[name].bias)
     return biases, OrderedDict((name, rows[name].jacobian) for name in turning), share
 
@@ -242,32 +243,35 @@ def _first(bodies: Array, shares: Array, due: Array, arrives: Array, touching: A
         """Least key of each slot, and its row; `keys`, `rows`, `chosen` (R,) of rows."""
         wide = jnp.where(chosen[:, None] & moving, keys[:, None], jnp.inf)
         least = jnp.full(size, jnp.inf, keys.dtype).at[bodies].min(wide)
-        same = jnp.isfinite(wide) & (wide == least[bodies])
+        same = jnp.isfinite(wide) & (wide == gather(least, bodies))
         return least, jnp.full(size, -1, jnp.int32).at[bodies].max(jnp.where(same, rows[:, None], -1))
 
-    def spread(_: Any, found: tuple[Array, Array]) -> tuple[Array, Array]:
+    def spread(found: tuple[Array, Array]) -> tuple[Array, Array]:
+        """For each row the least key of the bodies that it is between, and the row which that is of."""
         keys, rows = found
-        own = jnp.where(moving, keys[bodies], jnp.inf)
+        own = jnp.where(moving, gather(keys, bodies), jnp.inf)
         best = jnp.argmin(own, axis=1)[:, None]
-        key, row = (jnp.take_along_axis(each, best, 1)[:, 0] for each in (own, rows[bodies]))
-        return settle(key, row, due | arrives | touching)
+        key, row = (jnp.take_along_axis(each, best, 1)[:, 0] for each in (own, gather(rows, bodies)))
+        return key, row
 
     struck = jnp.zeros(size, bool).at[bodies].max(due[:, None] & moving)
-    counted = arrives & jnp.any(struck[bodies] & moving, axis=1)
-    least, rows = settle(shares, number, counted)
+    counted = arrives & jnp.any(gather(struck, bodies) & moving, axis=1)
 
     def joined(i: Any, found: tuple[Array, Array]) -> tuple[Array, Array]:
-        keys, row = spread(i, found)
+        # In the first round what strikes, then what that is handed on by: settled in one place, so compiled once.
+        key, row = (jnp.where(i == 0, first, on) for first, on in zip((shares, number), spread(found), strict=True))
+        keys, rows = settle(key, row, jnp.where(i == 0, counted, due | arrives | touching))
         better = keys < found[0]
-        return jnp.where(better, keys, found[0]), jnp.where(better, row, found[1])
+        return jnp.where(better, keys, found[0]), jnp.where(better, rows, found[1])
 
-    found: tuple[Array, Array] = jax.lax.fori_loop(0, ROUNDS, joined, (least, rows))
+    none = jnp.full(size, jnp.inf, shares.dtype), jnp.full(size, -1, jnp.int32)
+    found: tuple[Array, Array] = jax.lax.fori_loop(0, 1 + ROUNDS, joined, none)
     return found[1]
 
 
 def _bias(way: Approach, event: Event, slots: Array, gone: Array, dt: Array) -> Array:
     """c of a group's rows: what impacts ask for, and elsewhere what keeps gaps open on ways that change on the way."""
-    share = slots[way.bodies].max(axis=1, keepdims=True)
+    share = gather(slots, way.bodies).max(axis=1, keepdims=True)
     left = (-way.gap / dt - way.side * way.rows.apply(gone)) / jnp.maximum(1 - share, 1e-3)
     others = (share > 0) & (way.side != 0) & (way.gap >= 0)
     rate = jnp.where(event.due, _rate(way, event.time, event.change), jnp.minimum(left, 0))

@@ -5,6 +5,7 @@
 them. The searches (`mprgp.py`, `direct.py`, `sweeps.py`) find the impulses; the rest is the same for all.
 """
 
+from collections.abc import Callable
 from functools import partial
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ from jaxfem.batching import cond_any
 from jaxfem.methods.allrows.cone import projected_step
 from jaxfem.methods.allrows.dense import MOST, by_elimination, left_over, scaled_size
 from jaxfem.methods.allrows.factor import row_preconditioner
+from jaxfem.methods.allrows.flat import flat, flat_rows, split
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
 from jaxfem.pytrees import Pytree
@@ -151,38 +153,42 @@ def _cone_condition(system: System, impulses: Impulses, residual: Impulses, weig
 
 def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Impulses) -> Impulses:
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
-    weights = row_operator(system).diagonal
-    scaled = _diagonal(weights) if plan is None else _scaled_factor(system, plan, weights, sides)
+    operator, right = row_operator(system), flat(vector)
+    weights = flat(operator.diagonal)
+    by_diagonal = _by_diagonal(weights)
+    scaled = by_diagonal if plan is None else _by_factor(system, plan, operator, sides)
     tol = system.tolerance
 
+    def product(unknown: Array) -> Array:
+        return flat(matvec(split(unknown, vector)))
+
     if not system.friction:
-        solution, info = pcg(matvec, vector, scaled, tol=tol, max_iterations=system.max_iterations)
+        solution, info = pcg(product, right, scaled, tol=tol, max_iterations=system.max_iterations)
         good = info.status == int(Status.CONVERGED)
     else:
         # Redundant rows share by their trace of compliance alone: a residual that leaves that out tells nothing. In
         # single precision rounding hides it.
         if system.target.dtype.itemsize > 4:
             tol = jnp.minimum(tol, TRACED * TRACE[True])
-        few, limit = trees.size(vector) <= MOST, system.max_iterations
+        few, limit = right.size <= MOST, system.max_iterations
         if few:
-            limit = jnp.minimum(limit, PATIENCE * trees.size(vector))
+            limit = jnp.minimum(limit, PATIENCE * right.size)
         coned = any(each.cone for each in system.friction.values())
-        left = partial(left_over, matvec, vector, weights)
-        found = _checked(*bicgstab(matvec, vector, scaled, tol=tol, max_iterations=limit), left, system.tolerance)
+        left = partial(left_over, product, right, weights)
+        found = _checked(*bicgstab(product, right, scaled, tol=tol, max_iterations=limit), left, system.tolerance)
         if few:
-            found = _retried(*found, left, partial(by_elimination, matvec, vector, weights))
+            found = _retried(*found, left, partial(by_elimination, product, right, weights))
         elif plan is not None and (coned or system.target.dtype.itemsize == 4):
-            by_diagonal = partial(bicgstab, matvec, vector, _diagonal(weights), tol=tol, max_iterations=limit)
-            found = _retried(*found, left, by_diagonal)
+            again = partial(bicgstab, product, right, by_diagonal, tol=tol, max_iterations=limit)
+            found = _retried(*found, left, again)
         solution, info = found
         good = info.residual <= jnp.sqrt(system.tolerance)
         if not few:  # where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`)
             good = good & (info.status == int(Status.CONVERGED))
-    certain: Impulses = jax.tree.map(lambda leaf: jnp.where(good, leaf, jnp.nan), solution)
-    return certain
+    return split(jnp.where(good, solution, jnp.nan), vector)
 
 
-def _checked(solution: Impulses, info: SolveInfo, left: Any, tolerance: Array) -> tuple[Impulses, SolveInfo]:
+def _checked(solution: Array, info: SolveInfo, left: Any, tolerance: Array) -> tuple[Array, SolveInfo]:
     """The solution, with info of the residual that it leaves, `left`, instead of the preconditioned one.
 
     The inverse on redundant rows carries what only their trace holds up to a million times its size. A residual that is
@@ -194,7 +200,7 @@ def _checked(solution: Impulses, info: SolveInfo, left: Any, tolerance: Array) -
     return solution, info.replace(residual=size, status=status.astype(jnp.int32))
 
 
-def _retried(solution: Impulses, info: SolveInfo, left: Any, again: Any) -> tuple[Impulses, SolveInfo]:
+def _retried(solution: Array, info: SolveInfo, left: Any, again: Any) -> tuple[Array, SolveInfo]:
     """The better of a solution and of another try, made where it has not converged; judged by what both leave, `left`.
 
     In single precision the elimination of redundant rows, as those of four corners that stick, may keep no digit; and
@@ -202,32 +208,27 @@ def _retried(solution: Impulses, info: SolveInfo, left: Any, again: Any) -> tupl
     that share by a trace slide and others stick, a residual of 1e-7 stays, of a solution that is wrong altogether.
     """
 
-    def other(solution: Impulses, info: SolveInfo) -> tuple[Impulses, SolveInfo]:
+    def other(solution: Array, info: SolveInfo) -> tuple[Array, SolveInfo]:
         second, how = again()
         how = how.replace(residual=left(second))
         better = (how.residual <= info.residual) | ~jnp.isfinite(info.residual)
-        found: tuple[Impulses, SolveInfo] = jax.tree.map(
+        found: tuple[Array, SolveInfo] = jax.tree.map(
             lambda new, old: jnp.where(better, new, old), (second, how), (solution, info)
         )
         return found
 
     missed = info.status != int(Status.CONVERGED)
-    best: tuple[Impulses, SolveInfo] = cond_any(missed, other, lambda solution, info: (solution, info), solution, info)
+    best: tuple[Array, SolveInfo] = cond_any(missed, other, lambda solution, info: (solution, info), solution, info)
     return best
 
 
-def _diagonal(weights: Impulses) -> Any:
-    return lambda residual: jax.tree.map(jnp.divide, residual, weights)
+def _by_diagonal(weights: Array) -> Callable[[Array], Array]:
+    return lambda residual: residual / weights
 
 
-def _scaled_factor(system: System, plan: Any, weights: Impulses, sides: Impulses) -> Any:
+def _by_factor(system: System, plan: Any, operator: RowOperator, sides: Impulses) -> Callable[[Array], Array]:
     """The inverse of A on the rows between their bounds, and of its diagonal on the others."""
-    inside = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, weights)
-    root = jax.tree.map(jnp.sqrt, weights)
-    factor = row_preconditioner(system, plan, weights, inside)
-
-    def apply(residual: Impulses) -> Impulses:
-        found: Impulses = jax.tree.map(jnp.divide, factor(jax.tree.map(jnp.divide, residual, root)), root)
-        return found
-
-    return apply
+    rows = flat_rows(system, operator)
+    factor = row_preconditioner(plan, rows, (flat(sides) == 0).astype(rows.diagonal.dtype))
+    root = jnp.sqrt(rows.diagonal)
+    return lambda residual: factor(residual / root) / root

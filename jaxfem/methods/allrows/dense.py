@@ -5,14 +5,16 @@ that a preconditioner carries rounding up to the size of the solution.
 """
 
 from collections.abc import Callable
+from typing import TypeVar
 
 import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from jaxfem.rows.bounds import Impulses
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo
+
+T = TypeVar("T")
 
 MOST = 2048
 """Rows up to which the matrix is made: it costs as many products as there are rows."""
@@ -20,9 +22,7 @@ TOGETHER = 512
 """Products that are made at once: each holds arrays as long as all rows."""
 
 
-def by_elimination(
-    matvec: Callable[[Impulses], Impulses], right: Impulses, weights: Impulses
-) -> tuple[Impulses, SolveInfo]:
+def by_elimination(matvec: Callable[[T], T], right: T, weights: T) -> tuple[T, SolveInfo]:
     """The solution of matvec(x) = right, made better once by its residual, and info; `weights`: sizes of the diagonal.
 
     Not finite, with a residual that is not, where the matrix is singular.
@@ -59,12 +59,12 @@ def _columns(product: Callable[[jax.Array], jax.Array], like: jax.Array) -> jax.
     return columns.T
 
 
-def scaled_size(rows: Impulses, weights: Impulses) -> jax.Array:
+def scaled_size(rows: T, weights: T) -> jax.Array:
     """Euclidean norm of residuals of rows, each entry over the root of its weight."""
     return trees.norm(jax.tree.map(lambda row, weight: row / jnp.sqrt(weight), rows, weights))
 
 
-def left_over(matvec: Callable[[Impulses], Impulses], right: Impulses, weights: Impulses, found: Impulses) -> jax.Array:
+def left_over(matvec: Callable[[T], T], right: T, weights: T, found: T) -> jax.Array:
     """|right - matvec(found)| over |right|, by `scaled_size`; not by any recurrence."""
     whole = scaled_size(right, weights)
     left = scaled_size(trees.minus(right, matvec(found)), weights)

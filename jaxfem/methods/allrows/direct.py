@@ -10,6 +10,7 @@ import numpy as np
 from jaxfem.methods.allrows.condition import Found, solve_rows
 from jaxfem.methods.allrows.elimination import search_by_elimination
 from jaxfem.methods.allrows.factor import elimination_of
+from jaxfem.methods.allrows.flat import flat_rows
 from jaxfem.methods.allrows.operator import RowOperator
 from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.methods.allrows.rounds import with_friction
@@ -74,9 +75,10 @@ class EliminationSearch:
         double = system.target.dtype.itemsize > 4
         sharp = jnp.minimum(system.tolerance, SHARE * TRACE[double])
         exact = system.replace(tolerance=sharp) if system.friction and double else system
+        rows = flat_rows(exact, operator)
 
         def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
-            found, velocities, info = search_by_elimination(exact, plan, start, operator, bounds, limit)
+            found, velocities, info = search_by_elimination(exact, plan, start, rows, bounds, limit)
             velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
             return Found(found, sides_of(bounds, found), info, velocities)
 

@@ -16,16 +16,16 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.allrows.factor import row_preconditioner
-from jaxfem.methods.allrows.operator import RowOperator, pushed
+from jaxfem.methods.allrows.flat import FlatBounds, FlatRows, flat, flat_bounds
 from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import Bounds, Impulses, named, placed, sides_of
+from jaxfem.rows.bounds import Bounds, Impulses
 from jaxfem.solvers import trees
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.mprgp import mprgp_loop
 from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.coupled import apply_inverse_mass, apply_mass
-from jaxfem.system.soft import System, inverse_mass
+from jaxfem.system.soft import System
 
 Array = jax.Array
 
@@ -37,16 +37,16 @@ ROUNDING = 4.0  # times the precision times the size of the velocities: a residu
 
 
 class _Found(Pytree):
-    """Impulses, the velocities that they give, and the residual c - J v - C lam of all rows."""
+    """Impulses (R,), the velocities that they give, and the residual c - J v - C lam of all rows (R,)."""
 
-    impulses: Impulses
+    impulses: Array
     velocities: Array
-    residual: Impulses
+    residual: Array
 
 
 class _Round(Pytree):
     found: _Found
-    sides: Impulses
+    sides: Array
     size: Array
     changed: Array
     fewest: Array  # rows that wanted to change sides in a round
@@ -56,106 +56,102 @@ class _Round(Pytree):
 
 
 def search_by_elimination(
-    system: System, order: RowOrder, guess: Impulses, operator: RowOperator, bounds: Bounds, most: Array
+    system: System, order: RowOrder, start: Impulses, rows: FlatRows, own: Bounds, most: Array
 ) -> tuple[Impulses, Array, SolveInfo]:
-    """Impulses within `bounds`, the velocities that they give, and info; its iterations are products with A, of
-    which there are no more than `most`, but for the last round's check."""
-    right, diagonal, inverse = operator.right, operator.diagonal, operator.inverse
-    root = jax.tree.map(jnp.sqrt, diagonal)
-    scale, wanted = _sizes(system, right, root)
-    slack = jax.tree.map(lambda r: SLACK * wanted / (r * trees.size(guess) ** 0.5), root)
-    bounded = any(low is not None for low in bounds[0].values())
+    """Impulses within their `own` bounds, the velocities that they give, and info; its iterations are products with A,
+    of which there are no more than `most`, but for the last round's check."""
+    guess, bounds = flat(start), flat_bounds(own, start)
+    root = jnp.sqrt(rows.diagonal)
+    scale, wanted = _sizes(system, rows.right, root)
 
-    def at(impulses: Impulses) -> _Found:
-        return _measured(system, impulses, system.target + apply_inverse_mass(inverse, pushed(system, impulses)))
+    def at(impulses: Array) -> _Found:
+        return _measured(rows, impulses, system.target + rows.moved(impulses))
+
+    if bounds is None:
+        found, size, products = _refined(order, rows, at(guess), jnp.ones_like(guess), wanted, most)
+        info = _info(size, jnp.bool_(False), scale, wanted, products + 1, jnp.int32(0))
+        return rows.split(found.impulses), found.velocities, info
+
+    low, up = bounds
+    slack = SLACK * wanted / (root * guess.size**0.5)
 
     def trip(last: _Round) -> _Round:
-        start = placed(bounds, last.sides, last.found.impulses)
-        left = most - last.products
-        limit = jnp.minimum(REFINEMENTS, left) if bounded else left
-        found, size, products = _refined(system, order, at(start), last.sides, diagonal, wanted, limit)
-        sides = _judged(found, diagonal, last.sides, slack, bounds)
-        pairs = zip(jax.tree.leaves(sides), jax.tree.leaves(last.sides), strict=True)
-        count = sum((jnp.sum(a != b, dtype=jnp.int32) for a, b in pairs), start=jnp.int32(0))
-        changed = (count > 0) & bounded
+        begun = at(jnp.where(last.sides < 0, low, jnp.where(last.sides > 0, up, last.found.impulses)))
+        limit = jnp.minimum(REFINEMENTS, most - last.products)
+        inside = (last.sides == 0).astype(root.dtype)
+        found, size, products = _refined(order, rows, begun, inside, wanted, limit)
+        sides = _judged(found, rows.diagonal, last.sides, slack, bounds)
+        count = jnp.sum(sides != last.sides, dtype=jnp.int32)
         patience = jnp.where(count < last.fewest, PATIENT, last.patience - 1)
-        sides = trees.where(patience > 0, sides, _first_changed(sides, last.sides))
+        sides = jnp.where(patience > 0, sides, _first_changed(sides, last.sides))
         fewest, made = jnp.minimum(last.fewest, count), last.products + products + 1
-        return _Round(found, sides, size, changed, fewest, patience, last.rounds + 1, made)
+        return _Round(found, sides, size, count > 0, fewest, patience, last.rounds + 1, made)
 
     def running(s: _Round) -> Array:
         more: Array = s.changed & (s.rounds < ROUNDS) & (s.products < most)
         return more
 
     zero = jnp.int32(0)
-    nothing = _Found(guess, system.target, right)
-    counts = jnp.int32(trees.size(guess) + 1), jnp.int32(PATIENT), zero, zero
-    first = _Round(nothing, sides_of(bounds, guess), scale, jnp.bool_(True), *counts)
-    end = jax.lax.while_loop(running, trip, first) if bounded else trip(first)
-    impulses = _clipped(end.found.impulses, bounds)
-    change = trees.minus(impulses, end.found.impulses)
-    velocities = end.found.velocities + apply_inverse_mass(inverse, pushed(system, change))
-    relative = end.size / jnp.where(scale > 0, scale, 1)
-    info = SolveInfo(_status(end, wanted), end.products, relative, _weak(end, impulses, root, bounds, wanted))
-    if not bounded:
-        return impulses, velocities, info
+    nothing = _Found(guess, system.target, rows.right)
+    counts = jnp.int32(guess.size + 1), jnp.int32(PATIENT), zero, zero
+    sides = jnp.where(guess <= low, -1, jnp.where(guess >= up, 1, 0)).astype(jnp.int32)
+    first = _Round(nothing, sides, scale, jnp.bool_(True), *counts)
+    end = jax.lax.while_loop(running, trip, first)
+    impulses = jnp.clip(end.found.impulses, low, up)
+    velocities = end.found.velocities + rows.moved(impulses - end.found.impulses)
+    weak = _weak(end, impulses, root, bounds, wanted)
+    info = _info(end.size, end.changed, scale, wanted, end.products, weak)
 
-    def go_on() -> tuple[Impulses, Array, SolveInfo]:
+    def go_on() -> tuple[Array, Array, SolveInfo]:
         # Neither an active set that circles nor MPRGP goes down all the way: what is worse than the start is dropped.
-        begun = at(_clipped(guess, bounds))
-        best = _lower(begun, _measured(system, impulses, velocities))
+        best = _lower(at(jnp.clip(guess, low, up)), _measured(rows, impulses, velocities))
         stop = {"tol": wanted / jnp.where(scale > 0, scale, 1)}
         stop["max_iterations"] = jnp.where(info.status == 0, 0, most - end.products)
-        further, after = mprgp_loop(operator.apply, right, *bounds, x0=best.impulses, diagonal=diagonal, **stop)
-        best = trees.where(after.status == 0, at(further), _lower(best, at(further)))
+        further, after = mprgp_loop(rows.product, rows.right, low, up, x0=best.impulses, diagonal=rows.diagonal, **stop)
+        beyond = at(further)
+        best = trees.where(after.status == 0, beyond, _lower(best, beyond))
         return best.impulses, best.velocities, after.replace(iterations=after.iterations + end.products)
 
-    found: tuple[Impulses, Array, SolveInfo] = jax.lax.cond(
-        info.status == 0, lambda: (impulses, velocities, info), go_on
-    )
-    return found
+    ended = jax.lax.cond(info.status == 0, lambda: (impulses, velocities, info), go_on)
+    return rows.split(ended[0]), *ended[1:]
 
 
-def _sizes(system: System, right: Impulses, root: Impulses) -> tuple[Array, Array]:
+def _sizes(system: System, right: Array, root: Array) -> tuple[Array, Array]:
     """The right side's size in scaled variables, and that of the residual to reach."""
-    scale = trees.norm(jax.tree.map(jnp.divide, right, root))
+    scale = trees.norm(right / root)
     # What a step cannot do better than: the rounding of velocities as large as those in it.
     energy = jnp.sum(system.target * apply_mass(system, system.target))
     floor = ROUNDING * jnp.finfo(scale.dtype).eps * jnp.sqrt(energy)
     return scale, jnp.maximum(system.tolerance * scale, floor)
 
 
-def _status(end: _Round, wanted: Array) -> Array:
-    good = jnp.where((end.size <= wanted) & ~end.changed, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
-    return jnp.where(jnp.isfinite(end.size), good, int(Status.NOT_FINITE)).astype(jnp.int32)
+def _info(size: Array, changed: Array, scale: Array, wanted: Array, products: Array, weak: Array) -> SolveInfo:
+    good = jnp.where((size <= wanted) & ~changed, int(Status.CONVERGED), int(Status.ITERATION_LIMIT))
+    status = jnp.where(jnp.isfinite(size), good, int(Status.NOT_FINITE)).astype(jnp.int32)
+    return SolveInfo(status, products, size / jnp.where(scale > 0, scale, 1), weak)
 
 
-def _weak(end: _Round, impulses: Impulses, root: Impulses, bounds: Bounds, wanted: Array) -> Array:
+def _weak(end: _Round, impulses: Array, root: Array, bounds: FlatBounds, wanted: Array) -> Array:
     """Rows at a bound with no force against it, in scaled variables."""
-    box = make_box(impulses, *bounds).divided(jax.tree.map(lambda r: 1 / r, root))
-    gradient = jax.tree.map(jnp.divide, end.found.residual, root)
-    return box.weak(trees.times(root, impulses), gradient, 10 * wanted)
+    box = make_box(impulses, *bounds).divided(1 / root)
+    return box.weak(root * impulses, end.found.residual / root, 10 * wanted)
 
 
-def _measured(system: System, impulses: Impulses, velocities: Array) -> _Found:
-    rows = system.rows
-    residual = named(
-        rows, (each.bias - each.apply(velocities) - each.compliance * impulses[n] for n, each in rows.items())
-    )
-    return _Found(impulses, velocities, residual)
+def _measured(rows: FlatRows, impulses: Array, velocities: Array) -> _Found:
+    return _Found(impulses, velocities, rows.bias - rows.apply(velocities) - rows.compliance * impulses)
 
 
 def _refined(
-    system: System, order: RowOrder, found: _Found, sides: Impulses, diagonal: Impulses, wanted: Array, limit: Array
+    order: RowOrder, rows: FlatRows, found: _Found, inside: Array, wanted: Array, limit: Array
 ) -> tuple[_Found, Array, Array]:
-    """A lam = b on the rows between their bounds: what is found, the residual's size there, and how many products.
+    """A lam = b on the rows `inside` their bounds (1, else 0): what is found, the residual's size there, and how many
+    products.
 
     Conjugate gradients with residuals measured anew and the directions' own product (Golub & Ye 1999), preconditioned
     by the factor: one trip where that is exact.
     """
-    inside = jax.tree.map(lambda side, d: (side == 0).astype(d.dtype), sides, diagonal)
-    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, inside)
-    precondition, inverse = row_preconditioner(system, order, diagonal, inside), inverse_mass(system)
+    scale = inside * rows.diagonal**-0.5
+    precondition = row_preconditioner(order, rows, inside)
 
     def running(carry: Any) -> Array:
         _, residual, _, _, trips = carry
@@ -165,50 +161,36 @@ def _refined(
     def trip(carry: Any) -> Any:
         found, residual, before, direction, trips = carry
         z = precondition(residual)
-        old, new = trees.dot(before, direction), trees.dot(trees.minus(residual, before), z)
+        old, new = trees.dot(before, direction), trees.dot(residual - before, z)
         beta = jnp.where((trips > 0) & (old > 0), jnp.maximum(new, 0) / jnp.where(old > 0, old, 1), 0)
-        direction = trees.plus(z, beta, direction)
-        change = trees.times(scale, direction)
-        push = pushed(system, change)
-        moved = apply_inverse_mass(inverse, push)
-        soft = sum(jnp.sum(rows.compliance * change[name] ** 2) for name, rows in system.rows.items())
-        curvature = jnp.sum(push * moved) + soft
+        direction = z + beta * direction
+        change = scale * direction
+        push = rows.apply_transpose(change)
+        moved = apply_inverse_mass(rows.inverse, push)
+        curvature = jnp.sum(push * moved) + jnp.sum(rows.compliance * change**2)
         alpha = jnp.where(curvature > 0, trees.dot(residual, direction) / jnp.where(curvature > 0, curvature, 1), 0)
-        here = _measured(system, trees.plus(found.impulses, alpha, change), found.velocities + alpha * moved)
-        return here, trees.times(scale, here.residual), residual, direction, trips + 1
+        here = _measured(rows, found.impulses + alpha * change, found.velocities + alpha * moved)
+        return here, scale * here.residual, residual, direction, trips + 1
 
-    first = trees.times(scale, found.residual)
+    first = scale * found.residual
     found, residual, _, _, trips = jax.lax.while_loop(
-        running, trip, (found, first, first, trees.zeros(first), jnp.int32(0))
+        running, trip, (found, first, first, jnp.zeros_like(first), jnp.int32(0))
     )
     return found, trees.norm(residual), trips
 
 
 def _lower(best: _Found, found: _Found) -> _Found:
     """The one of the lower energy 1/2 lam' A lam - b' lam, `best` where the other is not finite."""
-    step = trees.minus(found.impulses, best.impulses)
+    step = found.impulses - best.impulses
     # The energy is quadratic, and its slope less the residual: what it falls by is known without cancellation.
-    fall = trees.dot(best.residual, step) + trees.dot(found.residual, step)
+    fall = trees.dot(best.residual + found.residual, step)
     return trees.where(fall > 0, found, best)
 
 
-def _first_changed(sides: Impulses, old: Impulses) -> Impulses:
+def _first_changed(sides: Array, old: Array) -> Array:
     """The old sides, but for the first row of those whose side is another."""
-    flat, before = (jnp.concatenate([each.reshape(-1) for each in tree.values()]) for tree in (sides, old))
-    first = jnp.arange(flat.size) == jnp.argmax(flat != before)
-    flat, parts, at = jnp.where(first, flat, before), [], 0
-    for each in sides.values():
-        parts.append(flat[at : at + each.size].reshape(each.shape))
-        at += each.size
-    return named(sides, parts)
-
-
-def _clipped(impulses: Impulses, bounds: Bounds) -> Impulses:
-    def clipped(name: str) -> Array:
-        low, up = bounds[0][name], bounds[1][name]
-        return impulses[name] if low is None or up is None else jnp.clip(impulses[name], low, up)
-
-    return named(impulses, map(clipped, impulses))
+    first = jnp.arange(sides.size) == jnp.argmax(sides != old)
+    return jnp.where(first, sides, old)
 
 
 def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
@@ -216,17 +198,10 @@ def _side(lam: Array, low: Array, up: Array, slack: Any) -> Array:
     return jnp.where(low >= up, -1, outside).astype(jnp.int32)
 
 
-def _judged(found: _Found, diagonal: Impulses, sides: Impulses, slack: Impulses, bounds: Bounds) -> Impulses:
+def _judged(found: _Found, diagonal: Array, sides: Array, slack: Array, bounds: FlatBounds) -> Array:
     """Sides for the next round: where the impulse found, or a step along the residual of the rows held, leads outside.
 
     A held row stays unless its residual points inwards by more than the slack.
     """
-
-    def judged(name: str) -> Array:
-        lam, side, low, up, s = found.impulses[name], sides[name], bounds[0][name], bounds[1][name], slack[name]
-        if low is None or up is None:
-            return side
-        stepped = lam + found.residual[name] / diagonal[name]
-        return jnp.where(side == 0, _side(lam, low, up, s), _side(stepped, low, up, -s))
-
-    return named(sides, map(judged, sides))
+    stepped = found.impulses + found.residual / diagonal
+    return jnp.where(sides == 0, _side(found.impulses, *bounds, slack), _side(stepped, *bounds, -slack))

@@ -11,49 +11,44 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.indexing import gather, with_last
+from jaxfem.methods.allrows.flat import FlatRows
 from jaxfem.methods.allrows.order import RowOrder, row_order
 from jaxfem.rigid.dynamics import RigidSet
-from jaxfem.rows.bounds import Impulses, named
 from jaxfem.solvers.elimination import factorise, product, solve_factored
-from jaxfem.system.soft import System, inverse_mass
 
 Array = jax.Array
 
 
-def row_preconditioner(
-    system: System, order: RowOrder, diagonal: Impulses, inside: Impulses
-) -> Callable[[Impulses], Impulses]:
-    """r -> A_FF^-1 r on the rows F `inside` their bounds (1, else 0), in scaled variables (D^-1/2 A D^-1/2); the others
-    pass unchanged.
+def row_preconditioner(order: RowOrder, rows: FlatRows, inside: Array) -> Callable[[Array], Array]:
+    """r -> A_FF^-1 r on the rows F `inside` their bounds (1, else 0; (R,)), in scaled variables (D^-1/2 A D^-1/2); the
+    others pass unchanged.
 
-    `diagonal`: of A. The identity where the factorisation fails in rounding.
+    The identity where the factorisation fails in rounding.
     """
-    scale = jax.tree.map(lambda d, f: f * d**-0.5, diagonal, inside)
-    own = named(inside, (rows.compliance * scale[n] ** 2 + (1 - inside[n]) for n, rows in system.extra.items()))
-    blocks = _blocks(order, system, scale, _packed(order, own, 1.0))
-    factor = factorise(order.elimination, *blocks)
+    scale = inside * rows.diagonal**-0.5
+    own = rows.compliance * scale**2 + (1 - inside)
+    factor = factorise(order.elimination, *_blocks(order, rows, scale, _packed(order, own, 1.0)))
     sound = jnp.stack([jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(factor)]).all()
 
-    def apply(residual: Impulses) -> Impulses:
+    def apply(residual: Array) -> Array:
         found = solve_factored(order.elimination, factor, _packed(order, residual, 0.0))
-        solved = _unpacked(order, found, residual)
-        kept: Impulses = jax.tree.map(lambda x, r: jnp.where(sound, x, r), solved, residual)
-        return kept
+        return jnp.where(sound, gather(found.reshape(-1), order.places), residual)
 
     return apply
 
 
-def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tuple[Array, Array]:
+def _blocks(order: RowOrder, rows: FlatRows, scale: Array, own: Array) -> tuple[Array, Array]:
     """Diagonal blocks (N, s, s) and those of the coupled pairs (P, s, s); `own` (N, s) is added to the diagonal."""
     count, size, width, repeats = order.parts.shape
+    scales = rows.split(scale)
     jacobian = jnp.concatenate(
-        [(rows.jacobian * scale[name][:, :, None]).reshape(-1, 3) for name, rows in system.extra.items()]
+        [(each.jacobian * scales[name][:, :, None]).reshape(-1, 3) for name, each in rows.groups.items()]
     )
     jacobian = jnp.concatenate([jacobian, jnp.zeros((1, 3), jacobian.dtype)])
     entries = sum(gather(jacobian, order.parts[..., q]) for q in range(repeats))  # (N, s, t, 3)
     entries = jnp.moveaxis(entries, 1, 2).reshape(count * width, size, 3)
     moved = jnp.moveaxis(entries, 0, -1)  # (s, 3, N t)
-    pushed = product(moved, jnp.moveaxis(gather(_inverse_mass_blocks(system), order.triples.reshape(-1)), 0, -1))
+    pushed = product(moved, jnp.moveaxis(gather(_inverse_mass_blocks(rows), order.triples.reshape(-1)), 0, -1))
     ends = jnp.zeros((1, size, 3), entries.dtype)
     table, pushed_table = jnp.concatenate([entries, ends]), jnp.concatenate([jnp.moveaxis(pushed, -1, 0), ends])
     diagonal = (
@@ -68,27 +63,18 @@ def _blocks(order: RowOrder, system: System, scale: Impulses, own: Array) -> tup
     return jnp.moveaxis(diagonal, -1, 0), jnp.moveaxis(beside, -1, 0)
 
 
-def _inverse_mass_blocks(system: System) -> Array:
+def _inverse_mass_blocks(rows: FlatRows) -> Array:
     """Inverse mass of each triple, (n + 1, 3, 3); zero in the last."""
-    scalar, turning = inverse_mass(system)
+    scalar, turning = rows.inverse
     blocks = jnp.append(scalar, 0)[:, None, None] * jnp.eye(3, dtype=scalar.dtype)
     if turning is None:
         return blocks
     return with_last(blocks, jnp.concatenate([turning, jnp.zeros((1, 3, 3), turning.dtype)]))
 
 
-def _packed(order: RowOrder, values: Impulses, padding: float) -> Array:
+def _packed(order: RowOrder, values: Array, padding: float) -> Array:
     """Values of all rows as (N, s)."""
-    flat = jnp.concatenate([value.reshape(-1) for value in values.values()])
-    return gather(jnp.append(flat, padding), order.rows)
-
-
-def _unpacked(order: RowOrder, packed: Array, like: Impulses) -> Impulses:
-    flat, parts, at = gather(packed.reshape(-1), order.places), [], 0
-    for value in like.values():
-        parts.append(flat[at : at + value.size].reshape(value.shape))
-        at += value.size
-    return named(like, parts)
+    return gather(jnp.append(values, padding), order.rows)
 
 
 def elimination_of(triples: Sequence[np.ndarray], heights: Sequence[int], rigid: RigidSet) -> RowOrder | None:

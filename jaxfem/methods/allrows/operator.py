@@ -7,6 +7,7 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import Pytree
 from jaxfem.rows.bounds import Impulses, named
+from jaxfem.rows.points import pushes, rates
 from jaxfem.system.coupled import apply_inverse_mass
 from jaxfem.system.soft import System, inverse_mass
 
@@ -23,23 +24,30 @@ class RowOperator(Pytree):
 
     def apply(self, impulses: Impulses) -> Impulses:
         """A lam."""
-        velocities = apply_inverse_mass(self.inverse, pushed(self.system, impulses))
+        found = rates_of(self.system, apply_inverse_mass(self.inverse, pushed(self.system, impulses)))
         rows = self.system.rows
-        return named(rows, (each.apply(velocities) + each.compliance * impulses[n] for n, each in rows.items()))
+        return named(rows, (found[n] + each.compliance * impulses[n] for n, each in rows.items()))
 
 
 def row_operator(system: System) -> RowOperator:
     """The operator of a step's rows."""
     inverse, rows = inverse_mass(system), system.rows
-    right = named(rows, (each.bias - each.apply(system.target) for each in rows.values()))
+    before = rates_of(system, system.target)
+    right = named(rows, (each.bias - before[name] for name, each in rows.items()))
     diagonal = named(rows, (_diagonal(each, inverse) + each.compliance for each in rows.values()))
     return RowOperator(system, inverse, right, diagonal)
 
 
 def pushed(system: System, impulses: Impulses) -> Array:
     """J' lam of all rows, (n, 3)."""
-    parts = (rows.apply_transpose(impulses[name]) for name, rows in system.rows.items())
-    return sum(parts, start=jnp.zeros_like(system.target))
+    parts = [rows.apply_transpose(impulses[name]) for name, rows in system.rows.items() if name not in system.extra]
+    return sum(parts, start=pushes(system.extra, impulses) if system.extra else jnp.zeros_like(system.target))
+
+
+def rates_of(system: System, velocities: Array) -> Impulses:
+    """J v of all rows, of velocities (n, 3)."""
+    beside = rates(system.extra, velocities) if system.extra else {}
+    return named(system.rows, (beside[n] if n in beside else rows.apply(velocities) for n, rows in system.rows.items()))
 
 
 def velocities_from(system: System, impulses: Impulses) -> Array:
