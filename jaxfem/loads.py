@@ -6,7 +6,6 @@ from typing import ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.indexing import gather, scatter_add
 from jaxfem.pytrees import Pytree
 
 Array = jax.Array
@@ -41,7 +40,7 @@ class WeightedForce(Pytree):
 
     def force(self, value: Array, positions: Array) -> Array:
         """Nodal forces (n, 3) [N]."""
-        return scatter_add(self.weights[:, None] * value, self.nodes, len(positions))
+        return jnp.zeros_like(positions).at[self.nodes].add(self.weights[:, None] * value)
 
     def reshaped(self, rest: Array) -> "WeightedForce":
         """The same shares."""
@@ -67,10 +66,10 @@ class FacePressure(Pytree):
 
     def force(self, value: Array, positions: Array) -> Array:
         """Nodal forces (n, 3) [N]: -p (area vector) / 3 on each corner."""
-        a, b, c = (gather(positions, self.faces[:, i]) for i in range(3))
+        a, b, c = (positions[self.faces[:, i]] for i in range(3))
         area = 0.5 * jnp.cross(b - a, c - a)
         corner = jnp.broadcast_to((-value / 3 * area)[:, None], (*self.faces.shape, 3))
-        return scatter_add(corner, self.faces, len(positions))
+        return jnp.zeros_like(positions).at[self.faces].add(corner)
 
     def reshaped(self, rest: Array) -> "FacePressure":
         """The same: areas are those of the moment."""
