@@ -55,7 +55,10 @@ EXACT = jax.lax.Precision.HIGHEST
 
 
 def contract(subscripts: str, *operands: Array) -> Array:
-    """`jnp.einsum` in all digits: accelerators otherwise take ten bits of single precision, and joints open by that."""
+    """`jnp.einsum` in all digits: accelerators otherwise take ten bits of single precision, and joints open by that.
+
+    Axes of one name are of one size: none of size 1 is repeated.
+    """
     if len(operands) == 2 and (pair := _pair(subscripts)) is not None:
         left, right = operands if pair.in_order else operands[::-1]
         found = jax.lax.dot_general(left, right, pair.dimensions, precision=EXACT)

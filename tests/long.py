@@ -1,8 +1,8 @@
 """Tests that took long when all were measured: the quick part leaves them out, and the longest wait for `--exhaustive`.
 
 `python -m pytest -n auto --exhaustive --junitxml=times.xml`, with nothing kept, then `python tests/long.py times.xml`
-writes long.txt anew: seconds and node id a line; without --exhaustive, those that wait keep their line. Who compiles
-what several tests share depends on the order: one may be long that is short alone.
+writes long.txt anew: seconds and node id a line; tests that were not run keep theirs. Who compiles what several tests
+share depends on the order: one may be long that is short alone.
 """
 
 import pathlib
@@ -43,6 +43,13 @@ def read(path: str) -> dict[str, float]:
     return times
 
 
+def stands(name: str) -> bool:
+    """Whether there still is a test function of that name in its file."""
+    file, *_, function = name.split("[")[0].split("::")
+    path = FILE.parents[1] / file
+    return path.exists() and f"def {function}(" in path.read_text()
+
+
 if __name__ == "__main__":
-    measured = {name: seconds for name, seconds in listed().items() if seconds > LONGEST} | read(sys.argv[1])
+    measured = {name: seconds for name, seconds in listed().items() if stands(name)} | read(sys.argv[1])
     FILE.write_text("".join(f"{seconds:.0f} {name}\n" for name, seconds in sorted(measured.items()) if seconds > LONG))

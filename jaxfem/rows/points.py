@@ -16,7 +16,8 @@ Array = jax.Array
 class PointRows(Pytree):
     """m blocks of r rows over k triples each; arrays of shape (m, r).
 
-    `triples` (m, k): which triples of the unknown (n, 3) a block couples, repeats allowed; `jacobian` (m, r, 3 k):
+    `triples` (m, k): which triples of the unknown (n, 3) a block couples, 0 to n - 1, repeats allowed (those of a joint
+    may count from the end, see `counted`); `jacobian` (m, r, 3 k):
     the rows' coefficients, a triple's side by side; `compliance` (m, r) >= 0; `bias` (m, r), c of J v + C lam - c;
     `lower`, `upper` (m, r) or None when none of these rows is bounded. A row that is off has lower = upper = 0.
     `unknowns`: n, the number of triples in all.
@@ -34,6 +35,11 @@ class PointRows(Pytree):
     def bounds(self) -> tuple[Array, Array] | None:
         """lower and upper, (m, r), or None."""
         return None if self.lower is None or self.upper is None else (self.lower, self.upper)
+
+    def counted(self) -> "PointRows":
+        """The same with triples that count from the end, as in NumPy, counted from the start: those of users may."""
+        from_end = self.triples < 0
+        return self.replace(triples=jnp.where(from_end, self.triples + self.unknowns, self.triples).astype(jnp.int32))
 
     def apply(self, velocities: Array) -> Array:
         """J v: (n, 3) -> (m, r). One small dense product a block."""
@@ -64,9 +70,9 @@ def rates(groups: Mapping[str, PointRows], velocities: Array) -> OrderedDict[str
     """J v of all groups, (m, r) each, of velocities (n, 3): what they need is taken from these at once."""
     ends, at, found = taken(velocities, _triples(groups)), 0, OrderedDict[str, Array]()
     for name, rows in groups.items():
-        own = ends[at : at + 3 * rows.triples.size].reshape(rows.triples.shape[0], -1)
-        found[name] = contract("mrk,mk->mr", rows.jacobian, own)
-        at += 3 * rows.triples.size
+        m, k = rows.triples.shape
+        found[name] = contract("mrk,mk->mr", rows.jacobian, ends[at : at + 3 * m * k].reshape(m, 3 * k))
+        at += 3 * m * k
     return found
 
 

@@ -1,4 +1,4 @@
-"""Vector arithmetic on pytrees of arrays: unknowns may come as blocks of rows of several shapes, never concatenated."""
+"""Vector arithmetic on pytrees of arrays: unknowns may come as blocks of rows of several shapes."""
 
 from functools import reduce
 from typing import Any, TypeVar

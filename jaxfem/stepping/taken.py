@@ -11,7 +11,7 @@ from jaxfem.stepping.checks import StepError
 Array = jax.Array
 
 
-@jax.jit  # a call within other programs: these and their derivatives share one trace of a step
+@jax.jit  # not `one_program`, which is written out in others: as a call, programs and derivatives share one trace of it
 def step_taken(
     model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
 ) -> tuple[State, StepInfo]:

@@ -108,7 +108,7 @@ def _extra_rows(
     gaps: dict[str, Gaps] = {}
     for label, group in sorted(model.joints.items()):
         place = (at, striking) if group.one_sided else (ahead, stage)
-        extra[joint_name(label)] = group.rows(place[0], params.joints[label], place[1])
+        extra[joint_name(label)] = group.rows(place[0], params.joints[label], place[1]).counted()
         if group.one_sided:
             gaps[joint_name(label)] = gaps_of(extra[joint_name(label)], dt)
     friction = {}

@@ -14,6 +14,7 @@ from jaxfem.declared.errors import checked_direction
 from jaxfem.declared.joints import JOINTS, Joint, Part, frame_along
 from jaxfem.inputs import Direction, Vector, takes
 from jaxfem.io import SceneFileError, load_scene
+from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Frame, relative_spin
 from jaxfem.rows.locks import JointRows, PointLock, spring_rows
 
@@ -206,3 +207,45 @@ def test_what_is_no_kind_of_its_own_is_refused_where_it_is_defined():
     before = JOINTS.words()
     type("Base", (Joint,), {})
     assert JOINTS.words() == before and "empty" not in before
+
+
+class LastSpin(JointRows):
+    """No spin of the last body about z, whose triple of angular velocities is the last of all: -1, or its number."""
+
+    a: Frame
+    b: Frame
+    triple: int = static()
+
+    def rows(self, at, values, stage):
+        """d/dt: the spin's own component; no gap is kept."""
+        blocks = values.compliance.shape[0]
+        rate = jnp.broadcast_to(jnp.array([0, 0, 1.0], at.centers.dtype), (blocks, 1, 3))
+        triples = jnp.full((blocks, 1), self.triple)
+        return spring_rows(jnp.zeros((blocks, 1), at.centers.dtype), triples, rate, values, at, stage)
+
+
+class SpinJoint(Joint, kind="last spin"):
+    """Of two bodies, the last does not turn about z."""
+
+    triple: Any = -1
+
+    def parts(self, bodies, where):
+        """One part."""
+        ends = (bodies.frame(end, frame_along((0, 0, 1.0)), where) for end in (self.a, self.b))
+        yield Part("spin", LastSpin(*ends, self.triple), self.softness)
+
+
+@pytest.mark.parametrize("solver", ["direct", "mprgp", "pgs"])
+def test_triples_may_count_from_the_end(solver):
+    ends = []
+    for triple in (-1, 3):
+        bodies = [
+            jf.RigidBody(jf.Box((0.1, 0.2, 0.3)), mass=1.0, position=(x, 0, 0), angular_velocity=(0, 0, 2.0))
+            for x in (0.0, 1.0)
+        ]
+        scene = jf.Scene(bodies, joints=[SpinJoint(*bodies, triple=triple)])
+        state, info = jf.step(*jf.build(scene, solver=solver), dt=1e-2)
+        assert info.status == 0
+        ends.append(state.rigid.angular_velocities)
+    np.testing.assert_array_equal(*ends)
+    np.testing.assert_allclose(ends[0][:, 2], [2, 0], atol=1e-6)

@@ -62,7 +62,7 @@ def flat_rows(system: System, operator: RowOperator) -> FlatRows:
 
 
 def flat(values: Mapping[str, Array]) -> Array:
-    """Values of all groups one after the other, (R,)."""
+    """Values of all groups one after the other, (R,): in the order of the table, which is the system's everywhere."""
     return jnp.concatenate([each.reshape(-1) for each in values.values()])
 
 
