@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 
 FILE = pathlib.Path(__file__).with_name("long.txt")
-LONG, LONGEST = 3.0, 20.0  # s
+LONG, LONGEST = 2.5, 20.0  # s
 
 
 def listed() -> dict[str, float]:
@@ -52,4 +52,4 @@ def stands(name: str) -> bool:
 
 if __name__ == "__main__":
     measured = {name: seconds for name, seconds in listed().items() if stands(name)} | read(sys.argv[1])
-    FILE.write_text("".join(f"{seconds:.0f} {name}\n" for name, seconds in sorted(measured.items()) if seconds > LONG))
+    FILE.write_text("".join(f"{seconds:.1f} {name}\n" for name, seconds in sorted(measured.items()) if seconds > LONG))
