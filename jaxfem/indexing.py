@@ -23,19 +23,15 @@ def gather(field: Array, index: Array | np.ndarray) -> Array:
 
 def scatter_add(values: Array, index: Array | np.ndarray, count: int) -> Array:
     """Sums (count, ...) of `values` (i, j, ..., ...) that go to the places `index` (i, j, ...), 0 to count - 1."""
-    beside = values.shape[index.ndim :]
-    zeros = lax.full((count, *beside), 0, values.dtype)
-    return lax.scatter_add(zeros, _columns(index), values, _numbers(values, index), mode=_FITS)
+    beside = tuple(range(index.ndim, values.ndim))
+    numbers = lax.ScatterDimensionNumbers(beside, inserted_window_dims=(0,), scatter_dims_to_operand_dims=(0,))
+    zeros = lax.full((count, *values.shape[index.ndim :]), 0, values.dtype)
+    return lax.scatter_add(zeros, _columns(index), values, numbers, mode=_FITS)
 
 
 def with_last(field: Array, last: Array) -> Array:
     """`field` (n, ...) with its last entries replaced by `last` (b, ...)."""
     return lax.concatenate([lax.slice_in_dim(field, 0, field.shape[0] - last.shape[0]), last.astype(field.dtype)], 0)
-
-
-def _numbers(values: Array, index: Array | np.ndarray) -> lax.ScatterDimensionNumbers:
-    beside = tuple(range(index.ndim, values.ndim))
-    return lax.ScatterDimensionNumbers(beside, inserted_window_dims=(0,), scatter_dims_to_operand_dims=(0,))
 
 
 def _columns(index: Array | np.ndarray) -> Array:

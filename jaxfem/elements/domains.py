@@ -16,7 +16,7 @@ from jaxfem.elements.tetra import RotationKind, rotated_strain, rotation_of, tet
 from jaxfem.indexing import gather, scatter_add
 from jaxfem.materials.base import Material
 from jaxfem.pytrees import Pytree, static
-from jaxfem.tensors import Matrix3, array_of, from_eigenbasis, matrix_of, product
+from jaxfem.tensors import Matrix3, array_of, contract, from_eigenbasis, matrix_of, product
 
 Array = jax.Array
 
@@ -120,8 +120,7 @@ def domain_gradient(domains: Domains, field: Array) -> Matrix3:
         return tetra_gradient(domains.cells, domains.gradients, field)
     corners = gather(field, domains.cells)
     differences = corners - corners[:, :1]
-    exact = jax.lax.Precision.HIGHEST  # accelerators otherwise multiply with fewer digits
-    return matrix_of(jnp.einsum("dai,ajd->ijd", differences, domains.gradients, precision=exact))
+    return matrix_of(contract("dai,ajd->ijd", differences, domains.gradients))
 
 
 def domain_strain(

@@ -81,7 +81,7 @@ class ElasticRows(Pytree):
         if clusters is not None:
             arms = cluster_arms(self.domains, turned_gradients(self.domains, self.rotation)) / jnp.sqrt(3.0)
             parts = jnp.sum(arms[:-1] ** 2, axis=1) * gather(inverse_mass, clusters.slot_node)
-            return jnp.zeros((1, clusters.count), parts.dtype).at[0, clusters.slot_cluster].add(parts)
+            return scatter_add(parts, clusters.slot_cluster, clusters.count)[None]
         corner = gather(inverse_mass, self.domains.cells).T
         basis = jnp.asarray(EIGENBASIS[self.domains.rows], corner.dtype)
         spread = contract("rij,aje->raie", basis, self.domains.gradients)

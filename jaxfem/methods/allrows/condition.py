@@ -212,10 +212,7 @@ def _retried(solution: Array, info: SolveInfo, left: Any, again: Any) -> tuple[A
         second, how = again()
         how = how.replace(residual=left(second))
         better = (how.residual <= info.residual) | ~jnp.isfinite(info.residual)
-        found: tuple[Array, SolveInfo] = jax.tree.map(
-            lambda new, old: jnp.where(better, new, old), (second, how), (solution, info)
-        )
-        return found
+        return trees.where(better, (second, how), (solution, info))
 
     missed = info.status != int(Status.CONVERGED)
     best: tuple[Array, SolveInfo] = cond_any(missed, other, lambda solution, info: (solution, info), solution, info)

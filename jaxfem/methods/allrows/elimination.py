@@ -19,7 +19,7 @@ from jaxfem.methods.allrows.factor import row_preconditioner
 from jaxfem.methods.allrows.flat import FlatBounds, FlatRows, flat, flat_bounds
 from jaxfem.methods.allrows.order import RowOrder
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import Bounds, Impulses
+from jaxfem.rows.bounds import Bounds, Impulses, sides_of
 from jaxfem.solvers import trees
 from jaxfem.solvers.box import make_box
 from jaxfem.solvers.mprgp import mprgp_loop
@@ -94,8 +94,7 @@ def search_by_elimination(
     zero = jnp.int32(0)
     nothing = _Found(guess, system.target, rows.right)
     counts = jnp.int32(guess.size + 1), jnp.int32(PATIENT), zero, zero
-    sides = jnp.where(guess <= low, -1, jnp.where(guess >= up, 1, 0)).astype(jnp.int32)
-    first = _Round(nothing, sides, scale, jnp.bool_(True), *counts)
+    first = _Round(nothing, flat(sides_of(own, start)), scale, jnp.bool_(True), *counts)
     end = jax.lax.while_loop(running, trip, first)
     impulses = jnp.clip(end.found.impulses, low, up)
     velocities = end.found.velocities + rows.moved(impulses - end.found.impulses)
