@@ -25,6 +25,15 @@ def one_program(function: F) -> F:
     return made  # type: ignore[no-any-return]
 
 
+def one_trace(function: F) -> F:
+    """`function` of arrays and pytrees, traced once for all programs that hold it, with arguments of equal shapes.
+
+    It is a call inside of others: so is what is derived from it.
+    """
+    made: Any = jax.jit(function)
+    return made  # type: ignore[no-any-return]
+
+
 def lanes_in_turn(function: F) -> F:
     """`function` of arrays and pytrees, whose lanes under `vmap` are taken one after another on CPUs.
 

@@ -5,6 +5,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_program
 from jaxfem.elements.elasticity import elastic_energy
 from jaxfem.model import Model, Params, State, nodal_mass, shared_mass
 from jaxfem.pytrees import Pytree
@@ -35,6 +36,7 @@ class Energies(Pytree):
         return {"kinetic": self.kinetic, "elastic": self.elastic, "gravity": self.gravity, **(self.booked or {})}
 
 
+@one_program
 def energies(model: Model, params: Params, state: State) -> Energies:
     """Energies of a state [J], rigid bodies counted in."""
     mass = nodal_mass(model, params.density)

@@ -194,6 +194,10 @@ class Model(Shaped):
         """Whether anything but soft bodies takes part: rigid bodies, joints or contacts."""
         return self.rigid is not None or bool(self.joints) or bool(self.contacts)
 
+    def unsolved(self) -> "Model":
+        """The same without its method: what asks for none is traced once for all of them."""
+        return self.replace(method=None, choice=None, plan=None, cache=None)
+
     @property
     def nodes(self) -> int:
         """Number of nodes of all bodies."""

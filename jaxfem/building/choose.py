@@ -41,7 +41,7 @@ def _many_across(built: Built) -> bool:
     if not built.facts.rigid:
         return False
     model = built.model
-    system = jax.eval_shape(first_system, model, built.params, built.state.replace(memory=None))
+    system = jax.eval_shape(first_system, model, built.params, built.state)
     across: int = sum(rows.bias.size for rows in system.extra.values() if rows.triples.shape[1] > 1)
     return across > min(MOST_EXACT, 2 * model.nodes)
 

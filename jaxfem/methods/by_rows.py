@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.answers import described, is_array
-from jaxfem.batching import cond_any, one_program
+from jaxfem.batching import cond_any, one_program, one_trace
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
@@ -68,6 +68,7 @@ class RowMethod(Method):
     ) -> tuple[State, StepInfo]:
         """Make the system, solve it, and move everything with the velocities found."""
 
+        @one_trace
         def once(impulses: Impulses | None, spent: Array) -> Ended:
             system = system_of(model, params, state, dt, forces, impulses)
             system = system.replace(max_iterations=system.max_iterations - spent)
@@ -106,7 +107,7 @@ class RowMethod(Method):
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""
-        rows = self.solved_rows(jax.eval_shape(first_system, model, params, state.replace(memory=None)))
+        rows = self.solved_rows(jax.eval_shape(first_system, model, params, state))
         shapes = ((name, each.bias) for name, each in rows.items())
         return OrderedDict((name, on_device(np.zeros(bias.shape), bias.dtype)) for name, bias in shapes)
 
@@ -150,9 +151,13 @@ def with_fresh_pull(
     return solution
 
 
-@one_program
 def first_system(model: Model, params: Params, state: State) -> System:
     """The system of a step of 1 s from a state without a memory; what `build` asks of it is traced once for a scene."""
+    return _first_system(model.unsolved(), params, state.replace(memory=None))
+
+
+@one_program
+def _first_system(model: Model, params: Params, state: State) -> System:
     return system_of(model, params, state, jnp.ones((), model.rest.dtype), None)
 
 

@@ -7,7 +7,7 @@ import jax
 import jax.numpy as jnp
 from jax.flatten_util import ravel_pytree
 
-from jaxfem.batching import cond_any
+from jaxfem.batching import cond_any, one_trace
 from jaxfem.solvers.differentiation import solved
 from jaxfem.solvers.status import SolveInfo, Status
 
@@ -75,6 +75,7 @@ def tangent_solution(
     # One flat vector: JAX cannot transpose a linear solve when only some leaves of its right-hand side have a tangent.
     vector, shaped = ravel_pytree(right)
 
+    @one_trace  # the solver takes many products
     def hessian(direction: Array) -> Array:
         return ravel_pytree(jax.jvp(gradient, (unknown,), (shaped(direction),))[1])[0]
 

@@ -6,6 +6,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_trace
 from jaxfem.pytrees import Pytree
 from jaxfem.solvers.pcg import pcg
 from jaxfem.solvers.status import SolveInfo, Status
@@ -80,6 +81,7 @@ def minimize_newton(
         status = jnp.where(ended, int(Status.CONVERGED), lost).astype(jnp.int32)
         return _State(x, here, direction, length, s.iteration + 1, inner, status)
 
+    evaluate = one_trace(evaluate)
     # The first trial is the start itself, so that `evaluate` is compiled once.
     blank = jax.tree.map(lambda a: jnp.full(a.shape, jnp.inf, a.dtype), jax.eval_shape(evaluate, start))
     limit = jnp.int32(Status.ITERATION_LIMIT)

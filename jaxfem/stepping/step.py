@@ -62,8 +62,10 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
 
 
 def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
-    """What the method prepared, or prepares now."""
-    return model.method.prepare(model, params, state, dt) if model.cache is None else model.cache
+    """What the method prepared, or prepares now; no derivative passes through what changes no solution."""
+    if model.cache is not None:
+        return model.cache
+    return model.method.prepare(*jax.lax.stop_gradient((model, params, state, dt)))
 
 
 def rollout(

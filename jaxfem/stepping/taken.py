@@ -5,13 +5,14 @@ from typing import Any
 import jax
 
 from jaxfem.answers import alike, described
+from jaxfem.batching import one_trace
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.stepping.checks import StepError
 
 Array = jax.Array
 
 
-@jax.jit  # not `one_program`, which is written out in others: as a call, programs and derivatives share one trace of it
+@one_trace
 def step_taken(
     model: Model, params: Params, state: State, dt: Array, forces: Array | None, cache: Any
 ) -> tuple[State, StepInfo]:

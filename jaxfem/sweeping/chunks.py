@@ -133,10 +133,11 @@ class Sweep:
         """Bytes of a variant's outputs, and of its saved states; errors of outputs show here, before compiling."""
         parts = (self.task.model, self.task.params, self.task.state)
         values = {name: jax.ShapeDtypeStruct(each.shape[1:], self.dtype) for name, each in self.variants.items()}
-        plain = jax.eval_shape(dataclasses.replace(self.task, derivatives=()).one, parts, values)
-        if self.task.derivatives and not floating(plain[0]):
-            raise SweepError("derivatives were asked for, and no output is a floating-point number")
-        kept = jax.eval_shape(self.task.one, parts, values)
+        kept = jax.eval_shape(dataclasses.replace(self.task, derivatives=()).one, parts, values)
+        if self.task.derivatives:
+            if not floating(kept[0]):
+                raise SweepError("derivatives were asked for, and no output is a floating-point number")
+            kept = jax.eval_shape(self.task.one, parts, values)
         _named(self.variants, *kept)
         # Backwards every step's state and solution are kept.
         frames = 3 * self.task.steps if self.task.derivatives else self.task.steps // self.task.every

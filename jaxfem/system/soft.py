@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_trace
 from jaxfem.elements.elasticity import viscoelastic_force
 from jaxfem.elements.mass import SharedMass, is_diagonal
 from jaxfem.elements.pattern import Pattern
@@ -100,6 +101,22 @@ def step_system(
     `around` (n, 3): end-of-step velocities of free nodes; rows and loads are made where they lead, instead of where the
     step starts. `impact`: see `System`. `turns`: see `elastic_rows`.
     """
+    plain = model.unsolved(), params, state.replace(memory=None)
+    found: System = _step_system(*plain, dt, forces, around, impact, turns)
+    return found
+
+
+@one_trace
+def _step_system(
+    model: Model,
+    params: Params,
+    state: State,
+    dt: Array,
+    forces: Array | None,
+    around: Array | None,
+    impact: Array | None,
+    turns: Array | None,
+) -> System:
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0

@@ -41,7 +41,7 @@ class Direct(RowMethod):
         """The order of elimination; CannotServe where nothing ties the bodies, or too much does."""
         assert model.rigid is not None
         # Nothing but these is compiled.
-        triples, heights = jax.jit(_triples)(model, params, state.replace(memory=None))
+        triples, heights = jax.jit(_triples)(model, params, state)
         order = elimination_of([np.asarray(each) for each in triples], [each.shape[0] for each in heights], model.rigid)
         if order is None:
             raise CannotServe(

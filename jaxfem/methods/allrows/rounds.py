@@ -11,6 +11,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_trace
 from jaxfem.methods.allrows.condition import Found
 from jaxfem.methods.allrows.operator import RowOperator, pushed
 from jaxfem.rows.bounds import Bounds, Impulses, Radii, friction_radii, named, placed, row_bounds
@@ -40,6 +41,7 @@ def with_friction(
     """
     if not system.friction:
         return once(guess, row_bounds(system.rows, {}), system.max_iterations)
+    once = one_trace(once)
     normals = {each.normal for each in system.friction.values()}
 
     def wanted(found: Impulses) -> Radii:
@@ -75,7 +77,7 @@ def with_friction(
 
     # Into the loop as if a round had been made, so that it is compiled once.
     radii, zero = wanted(guess), jnp.int32(0)
-    shapes = jax.eval_shape(lambda: once(guess, row_bounds(system.rows, radii), system.max_iterations))
+    shapes = jax.eval_shape(once, guess, row_bounds(system.rows, radii), system.max_iterations)
     blank = jax.tree.map(lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), shapes).replace(impulses=guess)
     start = (blank, radii, jnp.bool_(True), zero, zero)
     found, _, more, _, total = jax.lax.while_loop(running, trip, start)

@@ -14,7 +14,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.batching import lanes_in_turn
+from jaxfem.batching import lanes_in_turn, one_trace
 from jaxfem.methods.nodes.bounded import solve_bounded
 from jaxfem.methods.nodes.condensed import linearised, solve_linear
 from jaxfem.pytrees import Pytree
@@ -98,7 +98,7 @@ def _begun(system: System, guess: Any) -> _Search:
     velocities, impulses = guess
     start, dtype = velocities * system.free[:, None], velocities.dtype
     blank = jax.tree.map(
-        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(lambda: _point(system, start, impulses))
+        lambda leaf: jnp.zeros(leaf.shape, leaf.dtype), jax.eval_shape(_point, system, start, impulses)
     )
     zero, infinite = jnp.zeros((), dtype), jnp.full((), jnp.inf, dtype)
     none, limit, yes = jnp.int32(0), jnp.int32(Status.ITERATION_LIMIT), jnp.bool_(True)
@@ -115,6 +115,7 @@ def _between(s: _Search) -> tuple[Array, Any]:
     return s.here.velocities + s.length * s.direction, impulses
 
 
+@one_trace
 def _point(system: System, velocities: Array, impulses: Any) -> _Point:
     energy, gradient = momentum_objective(system, velocities)
     left = gradient - _pushed(system, impulses)
