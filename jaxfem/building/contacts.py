@@ -24,7 +24,8 @@ from jaxfem.rigid.shapes import Shape
 from jaxfem.rigid.shapes.answers import distance_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
-from jaxfem.rows.contact import Candidates, ContactValues, ShapeContacts
+from jaxfem.rows.candidates import Candidates
+from jaxfem.rows.contact import ContactValues, ShapeContacts
 from jaxfem.rows.corners import CornerContacts
 from jaxfem.rows.nearby import MOST_POINTS, NearbyContacts
 from jaxfem.rows.patches import PatchContacts

@@ -13,6 +13,7 @@ from jaxfem.building.soft import AccuracyWarning
 from jaxfem.declared import Contact
 from jaxfem.model import Model, State
 from jaxfem.rigid.shapes import Shape
+from jaxfem.rows.candidates import pairs_of
 from jaxfem.system.coupled import configuration
 
 NOTICED = 0.02
@@ -53,7 +54,7 @@ def warn_of_overlaps(contacts: Sequence[Contact], index: BodyIndex, model: Model
 
 def _gaps(contacts: Any, state: State) -> dict[str, jax.Array]:
     at = configuration(state)
-    return {label: group.pairs(at).gap for label, group in contacts.items()}
+    return {label: pairs_of(group, at).gap for label, group in contacts.items()}
 
 
 def _called(partner: Any, index: BodyIndex) -> str:

@@ -12,7 +12,8 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint
-from jaxfem.rows.contact import SAID_AGAIN, Pairs
+from jaxfem.rows.candidates import Pairs
+from jaxfem.rows.contact import SAID_AGAIN
 from jaxfem.rows.patches import PAST
 from jaxfem.rows.surfaces import SurfaceContacts
 from jaxfem.tensors import contract

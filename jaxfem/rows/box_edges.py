@@ -14,7 +14,8 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, difference, moving_with_body
-from jaxfem.rows.contact import LEANING, Candidates, Pairs
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import LEANING
 from jaxfem.tensors import contract, matmul
 
 Array = jax.Array

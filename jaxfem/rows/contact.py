@@ -19,7 +19,8 @@ from jaxfem.indexing import gather
 from jaxfem.materials.quantities import positive, share
 from jaxfem.pytrees import Pytree, static
 from jaxfem.ranges import within
-from jaxfem.rows.attachments import Configuration, Placed, RigidPoint, SoftPoint, difference, moving_with_body
+from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, difference, moving_with_body
+from jaxfem.rows.candidates import Candidates, Pairs, pairs_of
 from jaxfem.rows.points import PointRows
 from jaxfem.rows.triangles import areas_around
 from jaxfem.tensors import contract, taken
@@ -59,54 +60,6 @@ class Gaps(Pytree):
     restitution: Array
     near: Array
     brake: Array | None = None
-
-
-class Pairs(Pytree):
-    """m candidates: `gap` (m,) [m], `normal` (m, 3) from b to a, and a's velocity less b's (its position is unused)."""
-
-    gap: Array
-    normal: Array
-    relative: Placed
-
-
-class Candidates(Pytree):
-    """m candidate pairs of one kind. A subclass also has `margin` (m,) [m], the distance from which a pair takes part,
-    and the static flag `rough`, whether they have friction rows.
-
-    `names` (m): the contacts that they are of; `cone`: whether friction is held in the true cone, else in a pyramid.
-    """
-
-    names: tuple[str, ...] = static(default=(), kw_only=True)
-    cone: bool = static(default=False, kw_only=True)
-
-    @property
-    def kind(self) -> str:
-        """Words for the kinds of partners."""
-        raise NotImplementedError
-
-    @property
-    def alone(self) -> bool:
-        """Whether they cannot share a group with those of another contact."""
-        return False
-
-    @property
-    def give(self) -> float:
-        """Least compliance of their rows, as a share of what a unit impulse moves soft nodes by; 0: the solver's."""
-        return 0.0
-
-    @property
-    def slip(self) -> float:
-        """That of friction rows, as a share of what it moves both sides by: so what sticks creeps."""
-        return 0.0
-
-    @property
-    def deepest(self) -> Array | None:
-        """How deep (m,) [m] pairs may be: beyond, they are coming through. None where that is not watched."""
-        return None
-
-    def pairs(self, at: Configuration) -> Pairs:
-        """Where they are."""
-        raise NotImplementedError
 
 
 class ShapeContacts(Candidates):
@@ -236,7 +189,7 @@ def contact_rows(
 
     `before`, `unhindered` (n, 3): velocities at the start of the step, and those that it would end with without rows.
     """
-    pairs = candidates.pairs(at)
+    pairs = pairs_of(candidates, at)
     triples, jacobian = pairs.relative.triples, pairs.relative.jacobian
     normal = contract("mi,mik->mk", pairs.normal, jacobian)[:, None]
     if at.dropped is not None:

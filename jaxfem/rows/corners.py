@@ -10,7 +10,8 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, SoftPoint, WorldPoint, difference
-from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import SAID_AGAIN
 from jaxfem.rows.triangles import aside, nearest_triangle
 from jaxfem.tensors import contract
 

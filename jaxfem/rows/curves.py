@@ -18,7 +18,8 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, RigidPoint, WorldPoint
-from jaxfem.rows.contact import BURIED, Candidates, Pairs, ShapeContacts
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import BURIED, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
 from jaxfem.tensors import contract, inner
 

@@ -15,7 +15,8 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint
-from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs, ShapeContacts
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import SAID_AGAIN, ShapeContacts
 from jaxfem.rows.nearby import chosen, nearest
 from jaxfem.tensors import contract, matmul
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration
-from jaxfem.rows.contact import Pairs, ShapeContacts
+from jaxfem.rows.candidates import Pairs
+from jaxfem.rows.contact import ShapeContacts
 
 Array = jax.Array
 

@@ -7,7 +7,8 @@ import jax.numpy as jnp
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration
-from jaxfem.rows.contact import SAID_AGAIN, Pairs
+from jaxfem.rows.candidates import Pairs
+from jaxfem.rows.contact import SAID_AGAIN
 from jaxfem.rows.surfaces import SurfaceContacts
 
 SUNK = 0.25

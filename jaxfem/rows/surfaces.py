@@ -9,7 +9,8 @@ from typing import Any
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration, SoftPoint, difference
-from jaxfem.rows.contact import SAID_AGAIN, Candidates, Pairs
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import SAID_AGAIN
 from jaxfem.rows.triangles import ASIDE, areas_around, gap_from, nearest_triangle
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from jaxfem.pytrees import static
 from jaxfem.rows.attachments import Configuration
-from jaxfem.rows.contact import DEEP, Candidates, Pairs, ShapeContacts
+from jaxfem.rows.candidates import Candidates, Pairs
+from jaxfem.rows.contact import DEEP, ShapeContacts
 from jaxfem.rows.nearby import chosen
 
 Array = jax.Array

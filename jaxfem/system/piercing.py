@@ -5,6 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.model import Model, State
+from jaxfem.rows.candidates import pairs_of
 from jaxfem.solvers.status import Status, caused
 from jaxfem.system.coupled import configuration
 
@@ -18,7 +19,7 @@ def piercing_status(model: Model, state: State, status: Array) -> Array:
     if not looked_at:
         return status
     at, groups = jax.lax.stop_gradient((configuration(state), looked_at))
-    over = jnp.stack([jnp.min(each.pairs(at).gap + each.deepest) for each in groups])
+    over = jnp.stack([jnp.min(pairs_of(each, at).gap + each.deepest) for each in groups])
     codes = [caused(Status.GAVE_WAY, f'contact "{each.names[0]}", {_THROUGH}') for each in groups]
     found = jnp.asarray(np.array(codes, np.int32))[jnp.argmin(over)]
     good = status == int(Status.CONVERGED)
