@@ -58,21 +58,26 @@ def swing(times: np.ndarray, motion: np.ndarray) -> Swing | None:
     spacing = float(np.median(np.diff(times)))
 
     def shape(x: np.ndarray) -> np.ndarray:
-        ratio, rate = 1 / (1 + np.exp(-x[0])), np.exp(x[1])
-        t, v = np.maximum(times - times[0] - x[2] * spacing, 0.0), rate * np.sqrt(1 - ratio**2)
+        """(..., 3) -> (..., T)."""
+        ratio, rate = 1 / (1 + np.exp(-x[..., :1])), np.exp(x[..., 1:2])
+        t, v = np.maximum(times - times[0] - x[..., 2:] * spacing, 0.0), rate * np.sqrt(1 - ratio**2)
         return np.asarray(1 - np.exp(-ratio * rate * t) * (np.cos(v * t) + ratio * rate / v * np.sin(v * t)))
 
     def left(x: np.ndarray) -> np.ndarray:
         told = shape(x)
-        return np.asarray(motion - told * (told @ motion) / max(float(told @ told), 1e-300))
+        size = (told @ motion) / np.maximum(np.sum(told**2, axis=-1), 1e-300)
+        return np.asarray(motion - size[..., None] * told)
 
     slowest, fastest = 2 * np.pi * CYCLES / np.ptp(times), 2 * np.pi / (FINE * spacing)
     if slowest >= fastest or not motion.any():
         return None
     apart = 2 * np.pi * APART / np.ptp(times)
     rates = np.log(np.arange(0.5 * slowest, fastest + apart, apart))
-    starts = itertools.product(np.log(RATIOS / (1 - RATIOS)), rates, STARTS)
-    begin = min((np.array(each) for each in starts), key=lambda each: float(np.sum(left(each) ** 2)))
+    beside = itertools.product(np.log(RATIOS / (1 - RATIOS)), STARTS)
+    tried = [np.stack(np.broadcast_arrays(ratio, rates, start), axis=-1) for ratio, start in beside]
+    costs = [np.sum(left(each) ** 2, axis=-1) for each in tried]
+    least, at = min(zip(costs, tried, strict=True), key=lambda each: float(each[0].min()))
+    begin = at[np.argmin(least)]
     found = least_squares(left, begin, bounds=([-12.0, -np.inf, -LONGEST], [6.0, np.inf, LONGEST]))
     share = 1 - 2 * found.cost / max(float(np.sum((motion - motion.mean()) ** 2)), 1e-300)
     if share < TOLD or not slowest <= np.exp(found.x[1]) <= fastest:
