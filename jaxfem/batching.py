@@ -42,7 +42,7 @@ def lanes_in_turn(function: F) -> F:
     argument is the same for all lanes (many right-hand sides of one system) it is batched everywhere.
     Not for what derivatives go through in reverse.
     """
-    turns = custom_vmap(function)
+    turns = custom_vmap(one_trace(function))  # which JAX traces at each use, and once more where it is lowered
 
     @turns.def_vmap
     def rule(size: int, batched: list[Any], first: Any, *others: Any) -> tuple[Any, Any]:

@@ -10,6 +10,8 @@ from jax.ad_checkpoint import checkpoint_name
 from jax.extend.core import ClosedJaxpr, Primitive, jaxpr_as_fun
 from jax.interpreters import ad, batching, mlir
 
+from jaxfem.batching import one_trace
+
 Array = jax.Array
 F = TypeVar("F", bound=Callable[..., Any])
 Solve = Callable[..., tuple[Any, Any]]
@@ -57,7 +59,9 @@ class _Program:
     rest: Any = None
 
     def run(self, *leaves: Array) -> tuple[Any, Any]:
-        return self.solve(*jax.tree.unflatten(self.tree, leaves))
+        # Else all of it would be traced once more where it is lowered.
+        found: tuple[Any, Any] = one_trace(self.solve)(*jax.tree.unflatten(self.tree, leaves))
+        return found
 
     def parted(self, found: Sequence[Array]) -> tuple[Any, Any]:
         count = self.unknown.num_leaves
