@@ -26,9 +26,10 @@ def one_program(function: F) -> F:
 
 
 def one_trace(function: F) -> F:
-    """`function` of arrays and pytrees, traced once for all programs that hold it, with arguments of equal shapes.
+    """`function` of arrays and pytrees, traced once for all programs that hold it, as a call.
 
-    It is a call inside of others: so is what is derived from it.
+    That is once for arguments of equal structure, shapes and types, static fields included, while the function itself
+    lives: one made inside of another is shared by the uses there. What it does in Python beside it does once.
     """
     made: Any = jax.jit(function)
     return made  # type: ignore[no-any-return]

@@ -195,7 +195,7 @@ class Model(Shaped):
         return self.rigid is not None or bool(self.joints) or bool(self.contacts)
 
     def unsolved(self) -> "Model":
-        """The same without its method: what asks for none is traced once for all of them."""
+        """The same without method, choice, plan and cache: functions that need none are traced once for all of them."""
         return self.replace(method=None, choice=None, plan=None, cache=None)
 
     @property

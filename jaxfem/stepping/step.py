@@ -58,14 +58,13 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
 
 @jax.jit
 def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
-    return model.method.prepare(model, params, begun(model, params, state, None), dt)
+    return cached(model.replace(cache=None), params, begun(model, params, state, None), dt)
 
 
 def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
     """What the method prepared, or prepares now; no derivative passes through what changes no solution."""
-    if model.cache is not None:
-        return model.cache
-    return model.method.prepare(*jax.lax.stop_gradient((model, params, state, dt)))
+    model, params, state, dt = jax.lax.stop_gradient((model, params, state, dt))
+    return model.method.prepare(model, params, state, dt) if model.cache is None else model.cache
 
 
 def rollout(

@@ -55,7 +55,7 @@ class Condensed(RowMethod):
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses of the rows that are not elastic; None where there are none."""
-        return super().start(model, params, state) or None if model.coupled else None
+        return super().start(model, params, state) or None
 
     def solved_rows(self, system: System) -> OrderedDict[str, Rows]:
         """All but the elastic ones."""
