@@ -15,6 +15,7 @@ from jaxfem.model import Model, Params, State
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rotation import quaternion_to_matrix
 from jaxfem.rows.attachments import Configuration, SoftPoint
+from jaxfem.rows.candidates import pairs_of
 from jaxfem.rows.contact import tangents
 from jaxfem.stepping import impulses
 from jaxfem.system.coupled import configuration
@@ -286,7 +287,7 @@ def _is_point(leaf: Any) -> bool:
 
 @jax.jit
 def _pairs(groups: dict[str, Any], at: Configuration) -> dict[str, Any]:
-    return {label: group.pairs(at) for label, group in groups.items()}
+    return {label: pairs_of(group, at) for label, group in groups.items()}
 
 
 @jax.jit

@@ -10,7 +10,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.answers import described, is_array
-from jaxfem.batching import cond_any, one_program, one_trace
+from jaxfem.batching import cond_any, one_trace
 from jaxfem.methods.base import Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
@@ -27,6 +27,7 @@ from jaxfem.system.momentum import kept, turning_status, turns_ahead
 from jaxfem.system.piercing import piercing_status
 from jaxfem.system.pull import pull_grew, pulls
 from jaxfem.system.soft import System, step_system
+from jaxfem.system.unsolved import unsolved
 
 Array = jax.Array
 Impulses = OrderedDict[str, Array]
@@ -68,7 +69,6 @@ class RowMethod(Method):
     ) -> tuple[State, StepInfo]:
         """Make the system, solve it, and move everything with the velocities found."""
 
-        @one_trace
         def once(impulses: Impulses | None, spent: Array) -> Ended:
             system = system_of(model, params, state, dt, forces, impulses)
             system = system.replace(max_iterations=system.max_iterations - spent)
@@ -124,7 +124,7 @@ def with_fresh_pull(
 
     A loop, in which what is not needed is passed over, so that the step is compiled once.
     """
-    middle = midway_inertia(model, params, state, dt)
+    middle, once = midway_inertia(model, params, state, dt), one_trace(once)
 
     def trip(carry: tuple[Impulses, Ended, Array], _: None) -> tuple[tuple[Impulses, Ended, Array], None]:
         pull, last, due = carry
@@ -151,13 +151,9 @@ def with_fresh_pull(
     return solution
 
 
+@unsolved
 def first_system(model: Model, params: Params, state: State) -> System:
     """The system of a step of 1 s from a state without a memory; what `build` asks of it is traced once for a scene."""
-    return _first_system(model.unsolved(), params, state.replace(memory=None))
-
-
-@one_program
-def _first_system(model: Model, params: Params, state: State) -> System:
     return system_of(model, params, state, jnp.ones((), model.rest.dtype), None)
 
 

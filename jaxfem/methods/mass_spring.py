@@ -104,7 +104,7 @@ class MassSpring(Method):
         """The square of the highest frequency at rest, () [1/s^2], for the limit of explicit steps."""
         if self.integration == "implicit":
             return None
-        return highest_square(*jax.lax.stop_gradient((model, params)), self.calibration)
+        return highest_square(model, params, self.calibration)
 
     def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity:
         """That of the springs and their dashpots."""

@@ -63,8 +63,9 @@ def _prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
 
 def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
     """What the method prepared, or prepares now; no derivative passes through what changes no solution."""
-    model, params, state, dt = jax.lax.stop_gradient((model, params, state, dt))
-    return model.method.prepare(model, params, state, dt) if model.cache is None else model.cache
+    if model.cache is not None:
+        return jax.lax.stop_gradient(model.cache)
+    return model.method.prepare(*jax.lax.stop_gradient((model, params, state, dt)))
 
 
 def rollout(

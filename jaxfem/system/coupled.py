@@ -20,7 +20,6 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.batching import one_trace
 from jaxfem.indexing import with_last
 from jaxfem.model import Model, Params, State, nodal_mass, nodal_stiffness
 from jaxfem.rigid.dynamics import advanced, free_spin, midway, prescribed_velocities, world_inertia
@@ -36,6 +35,7 @@ from jaxfem.system.momentum import turns_ahead
 from jaxfem.system.names import contact_name, friction_name, joint_name
 from jaxfem.system.pull import needed_stiffness, pulls
 from jaxfem.system.soft import System, external_force, inverse_mass, stage_of, step_system
+from jaxfem.system.unsolved import unsolved
 from jaxfem.tensors import contract, inverse_blocks
 
 Array = jax.Array
@@ -71,7 +71,7 @@ def coupled_system(
     elastic = tuple(each.replace(nodes=at.unknowns) for each in soft.elastic)
     stage = stage_of(model, state, soft.prescribed, dt, impact)
     reached = system.target if unhindered is None else unhindered
-    extra, friction, gaps = _extra_rows(model.unsolved(), params, state.replace(memory=None), dt, stage, at, reached)
+    extra, friction, gaps = _extra_rows(model, params, state, dt, stage, at, reached)
     inverse, passed = inverse_mass(system), None
     if model.islands is not None and model.rigid is not None and gaps:
         slots = island_slots(model.islands, model.rigid.free)
@@ -95,7 +95,7 @@ def coupled_system(
     return system.replace(trace={name: traces[name] for name in looked_at if name in traces})
 
 
-@one_trace
+@unsolved
 def _extra_rows(
     model: Model, params: Params, state: State, dt: Array, stage: Stage, at: Configuration, unhindered: Array
 ) -> tuple[OrderedDict[str, PointRows], dict[str, Friction], dict[str, Gaps]]:

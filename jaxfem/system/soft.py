@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import jax
 import jax.numpy as jnp
 
-from jaxfem.batching import one_trace
 from jaxfem.elements.elasticity import viscoelastic_force
 from jaxfem.elements.mass import SharedMass, is_diagonal
 from jaxfem.elements.pattern import Pattern
@@ -23,6 +22,7 @@ from jaxfem.rows.points import PointRows
 from jaxfem.schemes import BackwardEuler, Stage
 from jaxfem.system.drag import dragged
 from jaxfem.system.memory import step_materials
+from jaxfem.system.unsolved import unsolved
 from jaxfem.tensors import contract, inner, inverse_blocks
 
 Array = jax.Array
@@ -86,6 +86,7 @@ def elastic_names(count: int) -> list[str]:
     return [f"elastic {number}" for number in range(1, count + 1)]
 
 
+@unsolved
 def step_system(
     model: Model,
     params: Params,
@@ -101,22 +102,6 @@ def step_system(
     `around` (n, 3): end-of-step velocities of free nodes; rows and loads are made where they lead, instead of where the
     step starts. `impact`: see `System`. `turns`: see `elastic_rows`.
     """
-    plain = model.unsolved(), params, state.replace(memory=None)
-    found: System = _step_system(*plain, dt, forces, around, impact, turns)
-    return found
-
-
-@one_trace
-def _step_system(
-    model: Model,
-    params: Params,
-    state: State,
-    dt: Array,
-    forces: Array | None,
-    around: Array | None,
-    impact: Array | None,
-    turns: Array | None,
-) -> System:
     mass = nodal_mass(model, params.density)
     prescribed = prescribed_velocity(model, params, state, dt)
     free = model.free[:, None] > 0

@@ -90,9 +90,8 @@ class Groupwise(Method):
 
     def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Any:
         """The groups' matrices for `dt`, inverted: whole, with the limit of the binding coefficient, or in parts."""
-        held = jax.lax.stop_gradient((model, params, state, dt))
-        system = group_system(*held, None)
-        return eliminated(system, held[0]) if self.binding == "exact" else group_inverses(system, held[0], held[3])
+        system = group_system(model, params, state, dt, None)
+        return eliminated(system, model) if self.binding == "exact" else group_inverses(system, model, dt)
 
     def start(self, model: Model, params: Params, state: State) -> GroupMemory:
         """No gap."""
