@@ -1,20 +1,25 @@
 """What went wrong in a step or a run, in words: which step, which body, which joint or contact, and what to do."""
 
 import dataclasses
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import jax
+import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.batching import one_program
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.rows.attachments import SoftPoint
+from jaxfem.rows.candidates import Candidates, pairs_of
 from jaxfem.rows.contact import ShapeContacts
 from jaxfem.solvers import Status, describe
 from jaxfem.stepping.checks import StepError, typed
 from jaxfem.stepping.values import wrong_numbers
 from jaxfem.system.coupled import configuration
 from jaxfem.system.holding import STILL, violation
+
+Array = jax.Array
 
 OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than this has come open
 DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over some steps, so a little is usual
@@ -161,12 +166,11 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
     The most open joint is told in any case, others where there is something to do.
     """
     at, size = configuration(state), 1.0 if model.size is None else float(model.size)
+    holding = {label: group for label, group in model.joints.items() if group.holds}
+    found = _openings(holding, {label: params.joints[label] for label in holding}, at)
     opened = []
-    for label, group in model.joints.items():
-        if not group.holds:
-            continue
-        rows = group.rows(at, params.joints[label], STILL)
-        gap, softness = np.asarray(violation(rows)), np.asarray(rows.compliance).max(1)
+    for label, group in holding.items():
+        gap, softness = np.asarray(found[label][0]), np.asarray(found[label][1])
         share = gap / (size if group.length else 1.0)
         unit = "m" if group.length else "rad"
         opened += [(*each, unit, label) for each in zip(share, gap, group.names, softness > 0, strict=True)]
@@ -186,6 +190,13 @@ def _rows(model: Model, params: Params, state: State) -> Iterator[Finding]:
         text = f'contact "{name}" is {depth:.3g} m deep (rows "{label}")'
         yield Finding("deep", name, depth, text, advice if depth > DEEP * size else "")
     yield from _through(model, at, DEEP * size)
+
+
+@one_program
+def _openings(joints: Mapping[str, Any], params: Mapping[str, Any], at: Any) -> dict[str, tuple[Array, Array]]:
+    """By how much each joint of each group is open, and its greatest compliance, (m,)."""
+    rows = {label: group.rows(at, params[label], STILL) for label, group in joints.items()}
+    return {label: (violation(each), jnp.max(each.compliance, 1)) for label, each in rows.items()}
 
 
 def _through(model: Model, at: Any, most: float) -> Iterator[Finding]:
@@ -212,9 +223,17 @@ def _through(model: Model, at: Any, most: float) -> Iterator[Finding]:
 
 def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:
     """The least gap [m] of each group of contacts, its contact's name and its group's."""
-    for label, candidates in model.contacts.items():
-        gap = np.asarray(candidates.pairs(at).gap)
+    for (label, candidates), found in zip(
+        model.contacts.items(), _gaps(list(model.contacts.values()), at), strict=True
+    ):
+        gap = np.asarray(found)
         yield float(gap.min()), candidates.names[int(gap.argmin())], label
+
+
+@one_program
+def _gaps(contacts: Sequence[Candidates], at: Any) -> list[Array]:
+    """The gap [m] of each pair of each group."""
+    return [pairs_of(each, at).gap for each in contacts]
 
 
 def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:

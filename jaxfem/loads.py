@@ -6,6 +6,7 @@ from typing import ClassVar, Protocol
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_program
 from jaxfem.pytrees import Pytree
 
 Array = jax.Array
@@ -76,6 +77,7 @@ class FacePressure(Pytree):
         return self
 
 
+@one_program
 def load_force(loads: Sequence[ResolvedLoad], values: Sequence[Array], positions: Array) -> Array:
     """Sum of all resolved loads on the nodes, (n, 3) [N]."""
     total = jnp.zeros_like(positions)

@@ -10,6 +10,7 @@ from typing import Any
 
 import jax
 import jax.numpy as jnp
+import numpy as np
 
 Array = jax.Array
 
@@ -27,12 +28,13 @@ class Range:
     advice: str = ""
 
     def wrong(self, value: Any) -> Array:
-        """Where `value` cannot be, a bool for each number."""
-        known = jnp.asarray(value)
+        """Where `value` cannot be, a bool for each number; of an array on the host worked out there."""
+        known = _known(value)
         above = known > self.low if self.open_low else known >= self.low
         below = known < self.high if self.open_high else known <= self.high
         good = above & below
-        return ~(good if self.infinite else good & jnp.isfinite(known))
+        wrong: Array = ~(good if self.infinite else good & (abs(known) < float("inf")))
+        return wrong
 
     @property
     def text(self) -> str:
@@ -48,14 +50,19 @@ class Range:
         return f"must be {' and '.join(words)}"
 
 
+def _known(value: Any) -> Any:
+    return value if isinstance(value, np.ndarray) else jnp.asarray(value)
+
+
 @dataclasses.dataclass(frozen=True)
 class Directions(Range):
     """Rows of numbers (..., k), finite and not all zero: directions, quaternions."""
 
     def wrong(self, value: Any) -> Array:
         """Where a row cannot be, (..., 1)."""
-        known = jnp.asarray(value)
-        return super().wrong(known).any(-1, keepdims=True) | (known == 0).all(-1, keepdims=True)
+        known = _known(value)
+        off: Array = super().wrong(known).any(-1, keepdims=True) | (known == 0).all(-1, keepdims=True)
+        return off
 
 
 @dataclasses.dataclass(frozen=True)

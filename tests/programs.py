@@ -20,7 +20,7 @@ from jaxfem.cli.threads import one_blas_thread
 from jaxfem.cli.xla_flags import NO_OPTIMISATION, OLDER_EMITTER, ask_for
 
 LARGEST = 4 << 30  # bytes on disk; a run of all tests leaves well under one of them
-MOST_MEMORY = 5e9  # bytes a process
+MOST_MEMORY = 8e9  # bytes a process
 # Together a quarter of the time that the defaults take; the programs are slower, which small scenes hardly show.
 # Parts that threads compile at once take a fifth more of all processors' time, and each has a worker of its own.
 QUICK_COMPILE = NO_OPTIMISATION, OLDER_EMITTER, "--xla_cpu_parallel_codegen_split_count=1"

@@ -16,6 +16,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.answers import described
+from jaxfem.batching import one_program
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
 
@@ -195,7 +196,12 @@ def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, *numbers: An
     if not isinstance(slope, jax.Array) or slope.shape != turn.shape:
         wanted = f"an array of shape {turn.shape}, as the turns are that it is asked for"
         raise ValueError(f'`slope` of the scheme "{scheme.name}" gives {described(slope)}: it must give {wanted}')
-    # z = 1 + turn u, and log |z| without the digits that |z| = 1 + small would lose.
+    return _ratio(turn, slope)
+
+
+@one_program
+def _ratio(turn: Array, slope: Array) -> Array:
+    """Of z = 1 + turn u, u the `slope`; log |z| without the digits that |z| = 1 + small would lose."""
     decay = 0.5 * jnp.log1p(turn * (2 * slope.real + turn * jnp.abs(slope) ** 2))
     angle = jnp.arctan2(turn * slope.imag, 1 + turn * slope.real)
     moving = turn > 0

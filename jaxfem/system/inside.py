@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 import jax
 import jax.numpy as jnp
 
+from jaxfem.batching import one_program
 from jaxfem.elements.domains import DomainMaterial, Domains, domain_strains
 from jaxfem.elements.finite import cauchy_stress, of_energy
 from jaxfem.elements.tetra import deformation_gradient, rotation_of
@@ -22,6 +23,7 @@ PAIRS = ((0, 0), (1, 1), (2, 2), (0, 1), (1, 2), (0, 2))
 """Components of a symmetric tensor in files: xx, yy, zz, xy, yz, xz, as ParaView has them."""
 
 
+@one_program
 def tensors(model: Model, params: Params, state: State) -> dict[str, list[Array]]:
     """By name six coefficients (E,) each of the elements in the eigenbasis of their rotated frames.
 

@@ -7,10 +7,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+import standard
 
+import jaxfem as jf
 from jaxfem.methods.allrows import condition, dense
 from jaxfem.methods.allrows.dense import by_elimination
 from jaxfem.solvers.status import SolveInfo, Status
+from jaxfem.system.coupled import coupled_system
 
 
 @pytest.mark.parametrize(("dtype", "together"), [(jnp.float64, 512), (jnp.float64, 5), (jnp.float32, 512)])
@@ -64,3 +67,33 @@ def test_a_solve_has_converged_where_it_says_so_and_leaves_little(told, off, sta
     solution = OrderedDict(a=right["a"] * (1 + off))
     found, info = condition._checked(solution, own, left, jnp.asarray(1e-8))
     assert found is solution and int(info.status) == status and abs(float(info.residual) - off) < 1e-12
+
+
+def test_few_rows_need_no_iterations_for_what_these_find(monkeypatch):
+    """Backwards too, by a matrix without symmetry: corners of a box that slides push as their normal impulses do."""
+    model, params, state = jf.build(standard.sliding_box(), solver="direct")
+    system = coupled_system(model, params, state, jnp.asarray(1e-2))
+    impulses = {name: jnp.zeros_like(each.bias) for name, each in system.rows.items()}
+    impulses = OrderedDict(impulses)
+    sides = OrderedDict(
+        (name, jnp.full_like(each, name in system.friction, jnp.int32)) for name, each in impulses.items()
+    )
+    random = np.random.default_rng(0)
+    vector = OrderedDict((name, jnp.asarray(random.standard_normal(each.shape))) for name, each in impulses.items())
+
+    def tangent(backwards):
+        def product(change):
+            return jax.jvp(partial(condition._condition, system, sides, False, False), (impulses,), (change,))[1]
+
+        matvec = (lambda rows: jax.linear_transpose(product, impulses)(rows)[0]) if backwards else product
+        found = condition._tangent(system, model.plan, sides, matvec, vector)
+        return found, matvec(found)
+
+    for backwards in (False, True):
+        found, made = jax.jit(lambda backwards=backwards: tangent(backwards))()
+        monkeypatch.setattr(condition, "FEW", 0)
+        other, _ = jax.jit(lambda backwards=backwards: tangent(backwards))()
+        monkeypatch.undo()
+        for name in vector:
+            np.testing.assert_allclose(made[name], vector[name], atol=1e-7)
+            np.testing.assert_allclose(found[name], other[name], rtol=1e-5, atol=1e-7)

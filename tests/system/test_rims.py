@@ -1,5 +1,6 @@
 """Faces laid rim on rim: what is a hair beyond the other's edge is carried by the face that its surface looks at."""
 
+import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
@@ -112,6 +113,7 @@ def test_derivatives_of_a_node_at_an_edge():
     group = next(each for each in model.contacts.values() if each.kind.startswith("soft-rigid"))
     beyond = np.asarray(state.positions) * np.array([1 + 1e-5, 1 + 1e-5, 1.0]) + np.array([0, 0, 1e-8])
 
+    @jax.jit
     def gaps(across, up):
         moved = state.replace(positions=jnp.asarray(beyond) + across * jnp.array([0.8, -0.6, 0.3]) + up * jnp.eye(3)[2])
         gap = group.pairs(jf.system.coupled.configuration(moved)).gap

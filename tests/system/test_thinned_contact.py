@@ -7,6 +7,7 @@ from derivatives import Parted
 
 import jaxfem as jf
 from jaxfem.building.embedded import embedded
+from jaxfem.rows.candidates import pairs_of
 from jaxfem.rows.contact import DEEP
 from jaxfem.rows.thinned import ThinnedContacts
 from jaxfem.system.coupled import configuration
@@ -42,10 +43,11 @@ def test_the_deepest_of_each_nodes_vertices_is_taken(partner):
     (few,) = (each for each in model.contacts.values() if isinstance(each, ThinnedContacts))
     shift = 0.02 * np.random.default_rng(0).standard_normal(state.positions.shape)
     at = configuration(state.replace(positions=state.positions + shift))
-    gap, taken = few.every.pairs(at).gap, few.pairs(at).gap.reshape(-1, few.most)
+    gap, taken = (np.asarray(pairs_of(each, at).gap) for each in (few.every, few))
+    taken = taken.reshape(-1, few.most)
     table = np.asarray(few.table)
     assert len(gap) == len(SKIN) > 2 * taken.size and set(table[table >= 0]) == set(range(len(gap)))
-    least = jnp.where(table >= 0, gap[table], jnp.inf).min(1)
+    least = np.where(table >= 0, gap[table], np.inf).min(1)
     np.testing.assert_allclose(taken.min(1), least, atol=1.01 * DEEP * float(few.margin[0]), rtol=0)
 
 

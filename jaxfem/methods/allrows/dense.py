@@ -13,11 +13,15 @@ from jax.flatten_util import ravel_pytree
 
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo
+from jaxfem.tensors import EXACT
 
 T = TypeVar("T")
 
+FEW = 32
+"""Rows up to which the matrix is made without trying iterations first: they take as long, and compile longer. For more
+rows the library that factorises uses several threads, which wait for each other on a busy processor."""
 MOST = 2048
-"""Rows up to which the matrix is made: it costs as many products as there are rows."""
+"""Rows up to which the matrix is made where iterations do not converge: it costs as many products as there are rows."""
 TOGETHER = 512
 """Products that are made at once: each holds arrays as long as all rows."""
 
@@ -34,16 +38,11 @@ def by_elimination(matvec: Callable[[T], T], right: T, weights: T) -> tuple[T, S
         product: jax.Array = ravel_pytree(matvec(shaped(column / root)))[0] / root
         return product
 
-    factor = jax.scipy.linalg.lu_factor(_columns(scaled, flat))
-    wanted = flat / root
-
-    def better(found: jax.Array) -> tuple[jax.Array, jax.Array]:
-        left = wanted - scaled(found)
-        return found + jax.scipy.linalg.lu_solve(factor, left), jnp.linalg.norm(left)
-
-    first, _ = better(jnp.zeros_like(wanted))
-    second, _ = better(first)
-    size, residual = jnp.linalg.norm(wanted), better(second)[1]
+    matrix, wanted = _columns(scaled, flat), flat / root
+    factor = jax.scipy.linalg.lu_factor(matrix)
+    first = jax.scipy.linalg.lu_solve(factor, wanted)
+    second = first + jax.scipy.linalg.lu_solve(factor, wanted - jnp.matmul(matrix, first, precision=EXACT))
+    size, residual = jnp.linalg.norm(wanted), jnp.linalg.norm(wanted - scaled(second))
     relative = residual / jnp.where(size > 0, size, 1)
     none = jnp.int32(0)
     return shaped(second / root), SolveInfo(none, jnp.int32(flat.size), relative, none)
