@@ -30,8 +30,9 @@ class Range:
     def wrong(self, value: Any) -> Array:
         """Where `value` cannot be, a bool for each number; of an array on the host worked out there."""
         known = _known(value)
-        above = known > self.low if self.open_low else known >= self.low
-        below = known < self.high if self.open_high else known <= self.high
+        with np.errstate(over="ignore"):  # a limit beyond single precision is none there
+            above = known > self.low if self.open_low else known >= self.low
+            below = known < self.high if self.open_high else known <= self.high
         good = above & below
         wrong: Array = ~(good if self.infinite else good & (abs(known) < float("inf")))
         return wrong
@@ -51,7 +52,7 @@ class Range:
 
 
 def _known(value: Any) -> Any:
-    return value if isinstance(value, np.ndarray) else jnp.asarray(value)
+    return value if isinstance(value, np.ndarray | np.generic) else jnp.asarray(value)
 
 
 @dataclasses.dataclass(frozen=True)

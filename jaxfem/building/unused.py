@@ -84,7 +84,8 @@ def _of_pairs(scene: Scene, rigid: Sequence[str], model: Model) -> Iterator[str]
 def _of_joints(model: Model, params: Params) -> Iterator[str]:
     """Numbers of joints that the others make of no use."""
     for label, group in model.joints.items():
-        for field, (where, why) in group.idle(params.joints[label]).items():
+        on_host = jax.tree.map(np.asarray, params.joints[label])
+        for field, (where, why) in group.idle(on_host).items():
             names = [name for name, one in zip(group.names, np.asarray(where), strict=True) if one]
             for name in names:
                 yield f'{field} of joint "{name}" (rows "{label}"), {why}'

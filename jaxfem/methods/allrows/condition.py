@@ -35,7 +35,7 @@ Array = jax.Array
 TRACED = 1e-3  # of the trace of compliance: tolerance of derivatives with friction
 STILL = 10.0  # times the tolerance: what slides no faster, in the measure of residuals, does not slide
 MET = 10.0  # times the tolerance: the residual, not preconditioned, with which a derivative's solve has converged
-PATIENCE = 4  # iterations a row, where there are few rows, after which the matrix is eliminated
+PATIENCE = 4  # iterations a row, after which a matrix that is not too large is eliminated
 
 
 class Found(Pytree):
@@ -155,41 +155,51 @@ def _tangent(system: System, plan: Any, sides: Impulses, matvec: Any, vector: Im
     """Solve the linearised condition; NaN where that fails, never a plausible number."""
     operator, right = row_operator(system), flat(vector)
     weights = flat(operator.diagonal)
-    by_diagonal = _by_diagonal(weights)
-    scaled = by_diagonal if plan is None else _by_factor(system, plan, operator, sides)
-    tol = system.tolerance
 
     def product(unknown: Array) -> Array:
         return flat(matvec(split(unknown, vector)))
 
-    double = system.target.dtype.itemsize > 4
-    if not system.friction:
-        solution, info = pcg(product, right, scaled, tol=tol, max_iterations=system.max_iterations)
-        good = info.status == int(Status.CONVERGED)
-    elif double and right.size <= FEW:
+    if system.friction and _double(system) and right.size <= FEW:
         solution, info = by_elimination(product, right, weights)
         good = info.residual <= jnp.sqrt(system.tolerance)
     else:
-        # Redundant rows share by their trace of compliance alone: a residual that leaves that out tells nothing. In
-        # single precision rounding hides it.
-        if double:
-            tol = jnp.minimum(tol, TRACED * TRACE[True])
-        few, limit = right.size <= MOST, system.max_iterations
-        if few:
-            limit = jnp.minimum(limit, PATIENCE * right.size)
-        coned = any(each.cone for each in system.friction.values())
-        left = partial(left_over, product, right, weights)
-        found = _checked(*bicgstab(product, right, scaled, tol=tol, max_iterations=limit), left, system.tolerance)
-        if few:
-            found = _retried(*found, left, partial(by_elimination, product, right, weights))
-        elif plan is not None and (coned or not double):
-            again = partial(bicgstab, product, right, by_diagonal, tol=tol, max_iterations=limit)
-            found = _retried(*found, left, again)
-        solution, info = found
-        good = info.residual <= jnp.sqrt(system.tolerance)
-        if not few:  # where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`)
-            good = good & (info.status == int(Status.CONVERGED))
+        by_diagonal = _by_diagonal(weights)
+        scaled = by_diagonal if plan is None else _by_factor(system, plan, operator, sides)
+        solution, good = _iterated(system, product, right, weights, scaled, by_diagonal)
     return split(jnp.where(good, solution, jnp.nan), vector)
+
+
+def _iterated(
+    system: System, product: Any, right: Array, weights: Array, scaled: Any, by_diagonal: Any
+) -> tuple[Array, Array]:
+    """The solution by iterations, and whether it is one; preconditioned by `scaled`, else `by_diagonal`."""
+    tol, limit = system.tolerance, system.max_iterations
+    if not system.friction:
+        solution, info = pcg(product, right, scaled, tol=tol, max_iterations=limit)
+        return solution, info.status == int(Status.CONVERGED)
+    # Redundant rows share by their trace of compliance alone: a residual that leaves that out tells nothing. In
+    # single precision rounding hides it.
+    if _double(system):
+        tol = jnp.minimum(tol, TRACED * TRACE[True])
+    made = right.size <= MOST
+    if made:
+        limit = jnp.minimum(limit, PATIENCE * right.size)
+    left = partial(left_over, product, right, weights)
+    found = _checked(*bicgstab(product, right, scaled, tol=tol, max_iterations=limit), left, system.tolerance)
+    if made:
+        found = _retried(*found, left, partial(by_elimination, product, right, weights))
+    elif scaled is not by_diagonal and (any(each.cone for each in system.friction.values()) or not _double(system)):
+        again = partial(bicgstab, product, right, by_diagonal, tol=tol, max_iterations=limit)
+        found = _retried(*found, left, again)
+    solution, info = found
+    good = info.residual <= jnp.sqrt(system.tolerance)
+    if not made:  # where nothing was eliminated, what has not converged may be wrong altogether (see `_retried`)
+        good = good & (info.status == int(Status.CONVERGED))
+    return solution, good
+
+
+def _double(system: System) -> bool:
+    return system.target.dtype.itemsize > 4
 
 
 def _checked(solution: Array, info: SolveInfo, left: Any, tolerance: Array) -> tuple[Array, SolveInfo]:

@@ -1,7 +1,8 @@
 """A linear system of few rows by elimination of its whole matrix, which is made of products with it.
 
-What iterations do not reach: a matrix without symmetry, one of whose directions only a trace of compliance holds, so
-that a preconditioner carries rounding up to the size of the solution.
+For what iterations do not reach: a matrix without symmetry, one of whose directions only a trace of compliance holds,
+so that a preconditioner carries rounding up to the size of the solution. And for the very few rows of a body or two,
+where iterations are no faster.
 """
 
 from collections.abc import Callable
@@ -13,7 +14,6 @@ from jax.flatten_util import ravel_pytree
 
 from jaxfem.solvers import trees
 from jaxfem.solvers.status import SolveInfo
-from jaxfem.tensors import EXACT
 
 T = TypeVar("T")
 
@@ -38,14 +38,20 @@ def by_elimination(matvec: Callable[[T], T], right: T, weights: T) -> tuple[T, S
         product: jax.Array = ravel_pytree(matvec(shaped(column / root)))[0] / root
         return product
 
-    matrix, wanted = _columns(scaled, flat), flat / root
-    factor = jax.scipy.linalg.lu_factor(matrix)
-    first = jax.scipy.linalg.lu_solve(factor, wanted)
-    second = first + jax.scipy.linalg.lu_solve(factor, wanted - jnp.matmul(matrix, first, precision=EXACT))
-    size, residual = jnp.linalg.norm(wanted), jnp.linalg.norm(wanted - scaled(second))
+    factor = jax.scipy.linalg.lu_factor(_columns(scaled, flat))
+    wanted = flat / root
+
+    def better(_: int, last: tuple[jax.Array, jax.Array, jax.Array]) -> tuple[jax.Array, jax.Array, jax.Array]:
+        found = last[1]
+        left = wanted - scaled(found)
+        return found, found + jax.scipy.linalg.lu_solve(factor, left), jnp.linalg.norm(left)
+
+    # The solution, the better one, and what that leaves: a loop, so that products with the matrix are compiled once.
+    zero, size = jnp.zeros_like(wanted), jnp.linalg.norm(wanted)
+    found, _, residual = jax.lax.fori_loop(0, 3, better, (zero, zero, size))
     relative = residual / jnp.where(size > 0, size, 1)
     none = jnp.int32(0)
-    return shaped(second / root), SolveInfo(none, jnp.int32(flat.size), relative, none)
+    return shaped(found / root), SolveInfo(none, jnp.int32(flat.size), relative, none)
 
 
 def _columns(product: Callable[[jax.Array], jax.Array], like: jax.Array) -> jax.Array:
