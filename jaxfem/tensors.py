@@ -45,12 +45,6 @@ def skew(vector: Array) -> Array:
     return jnp.stack([jnp.stack(row, -1) for row in rows], -2)
 
 
-def vex(matrix: Array) -> Array:
-    """Axial vector of the skew part, (..., 3, 3) -> (..., 3); `vex(skew(v)) == v`."""
-    m = matrix
-    return 0.5 * jnp.stack([m[..., 2, 1] - m[..., 1, 2], m[..., 0, 2] - m[..., 2, 0], m[..., 1, 0] - m[..., 0, 1]], -1)
-
-
 EXACT = jax.lax.Precision.HIGHEST
 
 

@@ -69,7 +69,7 @@ def _check(model: Model, rigid: bool) -> None:
         raise SceneError(
             f'scheme "{model.scheme.name}" is for soft bodies; scenes with rigid bodies need "backward_euler"'
         )
-    if rigid and not model.bodies and not isinstance(model.scheme, BackwardEuler):
+    if rigid and not model.bodies and type(model.scheme) is not BackwardEuler:
         raise SceneError(
             f'scheme "{model.scheme.name}" acts on the nodes of soft bodies, and this scene has rigid ones alone, '
             'which move by the rule of "backward_euler"'

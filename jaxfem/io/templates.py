@@ -17,6 +17,7 @@ from jaxfem.inputs import Input, Nested, Nodes, Number, Text, Vector, inputs_of
 from jaxfem.io import scene_bodies, scene_coupling, scene_files
 from jaxfem.io.fields import FIELDS
 from jaxfem.materials.base import LAWS
+from jaxfem.materials.constants import Constant
 from jaxfem.materials.linear import Linear
 from jaxfem.methods import METHODS
 from jaxfem.rigid.shapes.base import obstacles, solids
@@ -83,7 +84,8 @@ MOTION: dict[str, Line] = {
     "angular_velocity": ("[0.0, 0.0, 0.0]", "rad/s"),
     "center": ("[0.0, 0.0, 0.0]", "m, that it turns about"),
 }
-NUMBERS = {"young": "2e5", "poisson": "0.3", "damping": "0.002", "yield_strain": "0.01", "creep": "1.0"}
+NUMBERS = {"young": "2e5", "poisson": "0.3", "damping": "0.002"}
+"""Of a soft silicone; other constants stand there with what they are by default."""
 
 
 def scene_template() -> str:
@@ -153,11 +155,15 @@ def _soft_body() -> Iterator[str]:
             yield from (line("# mesh", *MESHES[kind]) for kind in scene_bodies.MESH_KEYS if kind != "box")
         elif key == "material":
             yield line(f"# {key}", *BODY[key])
-            yield from (line(each.name, NUMBERS[each.name], each.unit) for each in Linear.constants)
+            yield from (line(each.name, _number(each), each.unit) for each in Linear.constants)
             yield from _other_laws()
         elif key not in ("driven", "load"):
             yield line(key if key in ("name", "density", "fixed") else f"# {key}", *BODY[key])
     yield from _blocks()
+
+
+def _number(constant: Constant) -> str:
+    return NUMBERS.get(constant.name) or repr(1.0 if constant.default is None else constant.default)
 
 
 def _other_laws() -> Iterator[str]:

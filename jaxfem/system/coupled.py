@@ -80,7 +80,7 @@ def coupled_system(
         def moved(momenta: Array) -> Array:
             return apply_inverse_mass(inverse, momenta)
 
-        extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory or {}, dt)
+        extra, passed = with_impacts(extra, gaps, friction, slots, velocities, moved, state.memory, dt)
     hardened, traces = OrderedDict[str, PointRows](), {}
     held = (_held_mass(model, params, inverse[0], dt, LEAST), inverse[1])
     gives = _gives(model, params, inverse, held, dt)

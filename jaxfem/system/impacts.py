@@ -86,14 +86,16 @@ def with_impacts(
     islands: Array,
     velocities: tuple[Array, Array],
     inverse: Any,
-    last: Mapping[str, Array],
+    last: Mapping[str, Array] | Any,
     dt: Array,
 ) -> tuple[OrderedDict[str, PointRows], Array]:
     """Rows with the rates that impacts ask for, and the share (b,) of the step that passes before each body is struck.
 
     `islands` (b,): see `island_slots`; `velocities` (n, 3): those before the step and those that loads alone lead to;
-    `inverse`: a function, M^-1 of momenta (n, 3); `last`: impulses of the last step's rows by group.
+    `inverse`: a function, M^-1 of momenta (n, 3); `last`: impulses of the last step's rows by group, or another
+    memory of a method, which says nothing here.
     """
+    last = last if isinstance(last, Mapping) else {}
     before, unhindered = velocities
     ways = OrderedDict(
         (name, _approach(extra[name], each, islands, before, unhindered)) for name, each in sorted(gaps.items())

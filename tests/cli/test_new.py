@@ -15,6 +15,8 @@ from jaxfem.inputs import inputs_of
 from jaxfem.io import fit_files, load_scene, scene_bodies, scene_coupling, scene_files
 from jaxfem.io.fit_template import fit_template
 from jaxfem.io.templates import scene_template
+from jaxfem.materials.constants import Constant
+from jaxfem.materials.linear import Linear
 
 with own_alone():
     LINES = scene_template().splitlines()
@@ -25,6 +27,12 @@ SINGLE = re.compile(r"# ([a-z_]+) = (.*)")
 def _own_kinds():
     with own_alone():
         yield
+
+
+def test_a_law_may_have_a_constant_more(monkeypatch):
+    more = Constant("alpha", "1/K", "must be finite", default=0.5)
+    monkeypatch.setattr(Linear, "constants", (*Linear.constants, more))
+    assert any(line.startswith("alpha = 0.5") for line in scene_template().splitlines())
 
 
 def alone(lines):

@@ -77,6 +77,18 @@ def test_derivatives_and_lanes_go_through_it():
     np.testing.assert_allclose(found, differences, rtol=1e-5)
 
 
+@pytest.mark.slow
+def test_sweeps_take_it_with_contacts_whatever_it_remembers():
+    model, params, state = cube("counted")
+    young, options = np.array([1e5, 2e5]), {"outputs": {"x": "positions"}, "dt": 5e-3, "steps": 4}
+    found = jf.sweep(model, params, state, {"young": young}, **options)
+    for one, places in zip(young, found["x"], strict=True):
+        states, _ = jf.rollout(model, params.replace(young=one), state, 5e-3, 4)
+        np.testing.assert_allclose(np.asarray(places)[-1], states.positions[-1], atol=1e-12)
+    with pytest.raises(jf.sweeping.SweepError, match='by a method that keeps their impulses alone, not "counted"'):
+        jf.sweep(model, params, state, {"young": young}, engine="lanes", **options)
+
+
 def test_it_is_known_by_its_name_and_refuses_what_it_cannot_serve(tmp_path):
     assert METHODS["counted"].made is Counted
     file = tmp_path / "scene.toml"

@@ -19,7 +19,7 @@ from jaxfem.materials.base import LAWS
 from jaxfem.materials.constants import Constant
 from jaxfem.methods import Condensed, ImplicitRotations
 from jaxfem.rows.locks import PointLock
-from jaxfem.schemes import GeneralizedAlpha, Scheme
+from jaxfem.schemes import BackwardEuler, GeneralizedAlpha, Scheme
 
 MESH = jf.mesh.box((0.1, 0.03, 0.03), (2, 1, 1), name="beam")
 SOFT = {"young": 1e5, "poisson": 0.3, "density": 1e3}
@@ -60,6 +60,8 @@ def test_a_scheme_on_rigid_bodies_alone_is_refused():
 
     with pytest.raises(jf.SceneError, match='scheme "damped_for_a_test" acts on the nodes of soft bodies'):
         jf.build(jf.Scene([BALL]), scheme=Damped())
+    with pytest.raises(jf.SceneError, match='scheme "another_for_a_test" acts on the nodes of soft bodies'):
+        jf.build(jf.Scene([BALL]), scheme=type("Another", (BackwardEuler,), {"name": "another_for_a_test"})())
     with pytest.raises(TypeError, match=r'time scheme "half" \(Half\) has no `stage`'):
         type("Half", (Scheme,), {"name": "half"})
 

@@ -40,7 +40,9 @@ class LanesLast(Engine):
         model, state = task.model, task.state
         shared = not is_diagonal(model.mass)
         linear = not model.nonlinear and not model.has_memory
-        rigid, others = model.rigid is not None, model.coupled and {*(state.memory or {})} != _groups(model)
+        rigid = model.rigid is not None
+        known = isinstance(state.memory, Mapping) and {*state.memory} == _groups(model)
+        others = model.coupled and not known
         reasons = {
             "takes soft bodies, with joints and contacts or without, and this scene has rigid ones": rigid,
             f'takes joints and contacts by a method that keeps their impulses alone, not "{model.method.name}"': others,
