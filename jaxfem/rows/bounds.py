@@ -58,7 +58,8 @@ def friction_radii(
     """
     radii = {}
     for name, each in friction.items():
-        radius = jnp.maximum(each.coefficient[:, None] * impulses[each.normal], 0)
+        # The coefficient outside: where it is 0, the radius still grows with it by all of the normal impulse.
+        radius = each.coefficient[:, None] * jnp.maximum(impulses[each.normal], 0)
         radii[name] = inscribed(radius, wished[name]) if each.cone and wished is not None else radius
     return radii
 
@@ -105,6 +106,10 @@ def row_bounds(rows: Mapping[str, Rows], radii: Mapping[str, Array]) -> Bounds:
     return named(rows, (low for low, _ in pairs)), named(rows, (up for _, up in pairs))
 
 
+HELD = 2
+"""A side: the impulse neither follows a bound nor moves freely between them."""
+
+
 def sides_of(bounds: Bounds, impulses: Mapping[str, Array]) -> Impulses:
     """-1 where an impulse is at or below its lower bound or between equal ones, 1 at its upper, 0 between."""
 
@@ -117,7 +122,7 @@ def sides_of(bounds: Bounds, impulses: Mapping[str, Array]) -> Impulses:
 
 
 def placed(bounds: Bounds, sides: Mapping[str, Array], impulses: Mapping[str, Array]) -> Impulses:
-    """Impulses with those at a bound (`sides` -1 or 1) put on it."""
+    """Impulses with those at a bound (`sides` -1 or 1) put on it; others, and what is `HELD`, stay."""
     return named(impulses, (_placed(name, bounds, sides, lam) for name, lam in impulses.items()))
 
 
@@ -144,4 +149,4 @@ def _placed(name: str, bounds: Bounds, sides: Mapping[str, Array], impulse: Arra
     low, up = bounds[0][name], bounds[1][name]
     if low is None or up is None:
         return impulse
-    return jnp.where(sides[name] < 0, low, jnp.where(sides[name] > 0, up, impulse))
+    return jnp.where(sides[name] < 0, low, jnp.where(sides[name] == 1, up, impulse))

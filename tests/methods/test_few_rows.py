@@ -104,3 +104,22 @@ def test_few_rows_need_no_iterations_for_what_these_find(monkeypatch):
         system, model.plan, sides, lambda rows: {name: 0 * rows[name] for name in rows}, vector
     )
     assert all(np.isnan(each).all() for each in nothing.values())  # of a matrix that is singular
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("velocity", [(1.0, 0.0, 0.0), (0.0, -1.0, 0.0), (0.0, 0.0, 0.0)])
+def test_a_coefficient_of_zero_has_the_derivative_of_what_slides(velocity):
+    """It was half as large, of one sign whichever way the ball slid, and across its way too; with status 0."""
+    ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 0.1))
+    scene = jf.Scene([ball], contacts=[jf.Contact(ball, jf.Plane(), friction=0.3)])
+    model, params, state = jf.build(scene, solver="direct", tolerance=1e-12)
+    ((name, values),) = params.contacts.items()
+    start = state.replace(rigid=state.rigid.replace(velocities=jnp.asarray([velocity])))
+
+    def after(friction):
+        rubbed = values.replace(friction=jnp.full_like(values.friction, 1.0) * friction)
+        return jf.step(model, params.replace(contacts={name: rubbed}), start, 1e-2)[0].rigid.velocities[0, :2]
+
+    wanted = -9.81e-2 * np.asarray(velocity)[:2]
+    np.testing.assert_allclose(jax.jit(jax.jacrev(after))(0.0), wanted, atol=1e-9)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(after))(0.0), wanted, atol=1e-9)

@@ -20,7 +20,7 @@ from jaxfem.methods.allrows.flat import flat, flat_rows, split
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import Impulses, named, placed_at_bounds, without_cones
+from jaxfem.rows.bounds import HELD, Impulses, named, placed_at_bounds, without_cones
 from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.differentiation import solved
@@ -107,7 +107,8 @@ def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
 
     Of redundant points at rest, as the corners of a box, some may push against others with all that they can, and only
     a trace of compliance says that they need not. Held at their bounds they would be said to follow these. What has no
-    room between its bounds, as where nothing presses, stays.
+    room between its bounds is at the one against its way, or held where it does not move: so a coefficient of 0 has its
+    derivative.
     """
     if not system.friction:
         return sides
@@ -117,8 +118,9 @@ def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
     moved = sides.copy()
     for name in system.friction:
         still = jnp.abs(speed[name]) <= least * jnp.sqrt(operator.diagonal[name])
-        stuck = still & (impulses[name] != 0)
-        moved[name] = jnp.where(stuck, 0, sides[name])
+        bare = (impulses[name] == 0) & (sides[name] != 0)
+        against = jnp.where(still, HELD, jnp.where(speed[name] > 0, -1, 1))
+        moved[name] = jnp.where(bare, against, jnp.where(still, 0, sides[name])).astype(sides[name].dtype)
     return moved
 
 
