@@ -1,7 +1,7 @@
 """What went wrong in a step or a run, in words: which step, which body, which joint or contact, and what to do."""
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
 
 import jax
@@ -223,17 +223,16 @@ def _through(model: Model, at: Any, most: float) -> Iterator[Finding]:
 
 def _nearest(model: Model, at: Any) -> Iterator[tuple[float, str, str]]:
     """The least gap [m] of each group of contacts, its contact's name and its group's."""
-    for (label, candidates), found in zip(
-        model.contacts.items(), _gaps(list(model.contacts.values()), at), strict=True
-    ):
-        gap = np.asarray(found)
+    gaps = _gaps(dict(model.contacts), at)
+    for label, candidates in model.contacts.items():
+        gap = np.asarray(gaps[label])
         yield float(gap.min()), candidates.names[int(gap.argmin())], label
 
 
 @one_program
-def _gaps(contacts: Sequence[Candidates], at: Any) -> list[Array]:
+def _gaps(contacts: Mapping[str, Candidates], at: Any) -> dict[str, Array]:
     """The gap [m] of each pair of each group."""
-    return [pairs_of(each, at).gap for each in contacts]
+    return {label: pairs_of(each, at).gap for label, each in contacts.items()}
 
 
 def _all_well(info: StepInfo, steps: int, rows: list[Finding]) -> str:

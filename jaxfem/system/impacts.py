@@ -86,7 +86,7 @@ def with_impacts(
     islands: Array,
     velocities: tuple[Array, Array],
     inverse: Any,
-    last: Mapping[str, Array] | Any,
+    last: Any,
     dt: Array,
 ) -> tuple[OrderedDict[str, PointRows], Array]:
     """Rows with the rates that impacts ask for, and the share (b,) of the step that passes before each body is struck.
