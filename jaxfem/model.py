@@ -63,7 +63,7 @@ class Params(Pytree):
         return super().replace(**changes)
 
 
-class Method(Protocol):
+class AnyMethod(Protocol):
     """What `step` asks of a way to solve a step (see `methods/base.py`): static, hashable, without arrays."""
 
     @property
@@ -143,7 +143,7 @@ class Model(Shaped):
     tolerance: Array
     max_iterations: Array
     scheme: Scheme
-    method: Method = static()
+    method: AnyMethod = static()
     choice: Choice = static()
     rotation_kind: RotationKind = static()
     mass: MassKind = static()

@@ -6,19 +6,7 @@ import numpy as np
 from hard.case import Setting, Told, Wanted, case
 from hard.running import Run, World, recovery, roll
 from hard.soft import stretched
-from hard.worlds import (
-    DT,
-    RIGID,
-    SIDE,
-    SOFT,
-    changed,
-    floor_cube,
-    ground,
-    pair,
-    plate,
-    rim_on_rim,
-    tower,
-)
+from hard.worlds import DT, RIGID, SIDE, SOFT, changed, floor_cube, ground, pair, plate, rim_on_rim, tower
 
 
 def lowest(run: Run) -> float:

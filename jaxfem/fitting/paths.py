@@ -16,9 +16,9 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.fitting.errors import FitError
-from jaxfem.fitting.spots import Entries, Factor, Keys, Modulus, OfBody, Region, Shift, Spot, Start, StartTurn, Turn
+from jaxfem.fitting.moduli import BULK, SHEAR, Modulus, made_of_moduli
+from jaxfem.fitting.spots import Entries, Factor, Keys, OfBody, Region, Shift, Spot, Start, StartTurn, Turn
 from jaxfem.fitting.unknowns import with_values
-from jaxfem.materials.base import Material
 from jaxfem.materials.constants import DENSITY, Constant
 from jaxfem.materials.quantities import quantities_of, signed_constant
 from jaxfem.model import Model, Params, State
@@ -210,28 +210,8 @@ def _bodies(model: Model, params: Params, state: State) -> Iterator[Placed]:
 
 
 def _moduli(model: Model, params: Params, state: State) -> Iterator[Placed]:
-    """Both moduli, where every law has its stiffness of Young's modulus and Poisson's ratio alone."""
-    pair = {"young", "poisson"}
-    if model.laws and pair <= set(params.constants) and all(asked_of(law, params) == pair for law in model.laws):
+    """Both moduli, where every law has its stiffness of them alone."""
+    if made_of_moduli(model, params):
         modulus = Constant("modulus", "Pa", "must be > 0 Pa", low=0.0)
-        yield _placed("shear_modulus", modulus, Modulus(False), label="shear modulus", stiffness=True)
-        yield _placed("bulk_modulus", modulus, Modulus(True), label="bulk modulus", limit=True, bounds=(1e-3, 1e6))
-
-
-class _Reads(dict[str, Any]):
-    """Values that remember which of them were read."""
-
-    def __init__(self, values: Mapping[str, Any]):
-        super().__init__(values)
-        self.names: set[str] = set()
-
-    def __getitem__(self, name: str) -> Any:
-        self.names.add(name)
-        return super().__getitem__(name)
-
-
-def asked_of(law: Material, params: Params) -> set[str]:
-    """Names of the constants that a law's stiffness is made of."""
-    values = _Reads({name: jnp.mean(jnp.asarray(value)) for name, value in params.constants.items()})
-    law.stiffness(values)
-    return values.names
+        yield _placed(SHEAR, modulus, Modulus(False), label="shear modulus", stiffness=True)
+        yield _placed(BULK, modulus, Modulus(True), label="bulk modulus", limit=True, bounds=(1e-3, 1e6))

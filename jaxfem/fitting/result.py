@@ -12,6 +12,7 @@ from jaxfem.fitting.beside import Beside
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.evaluation import Evaluator, Progress, Visit
 from jaxfem.fitting.measurement import Measurement
+from jaxfem.fitting.moduli import MODULI, PAIR
 from jaxfem.fitting.multistart import End, in_words
 from jaxfem.materials.constants import Constant
 from jaxfem.model import Params, State
@@ -184,7 +185,7 @@ class FitResult:
     def fitted_constants(self) -> set[str]:
         """Names of the materials' constants that were fitted, of some body or take at least."""
         fitted = {name.split(".")[0] for name in self.values}
-        return fitted | ({"young", "poisson"} if fitted & {"shear_modulus", "bulk_modulus"} else set())
+        return fitted | (PAIR if fitted & set(MODULI) else set())
 
     def _held(self) -> str:
         """Constants of materials that were not fitted, of the first take: what they are off by is in no error bar."""

@@ -8,7 +8,6 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.materials.moduli import bulk_modulus, ratio_and_modulus, shear_modulus
 from jaxfem.model import Params, State
 from jaxfem.rigid.dynamics import turned
 from jaxfem.rotation import rotation_vector_to_matrix
@@ -206,31 +205,6 @@ class Region:
         if held.size == 1:
             return jnp.broadcast_to(held.reshape(()), (count,))
         return held if held.shape == (count,) else held[np.array(self.owner)]
-
-
-@dataclasses.dataclass(frozen=True)
-class Modulus:
-    """The shear or the bulk modulus [Pa], the other one held, where the law has Young's modulus and Poisson's ratio:
-    the pair that samples tell apart where the ratio is near 1/2. Several values change in proportion."""
-
-    bulk: bool
-
-    def read(self, params: Params, state: State) -> float:
-        """Its mean."""
-        return float(np.mean(np.asarray(self._both(params)[int(self.bulk)])))
-
-    def put(self, params: Params, state: State, value: Array) -> tuple[Params, State]:
-        """Young's modulus and Poisson's ratio of both moduli."""
-        both = list(self._both(params))
-        own = both[int(self.bulk)]
-        both[int(self.bulk)] = own / jnp.mean(own) * value
-        poisson, young = ratio_and_modulus(3 * both[1], 2 * both[0])
-        dtype = own.dtype
-        return params.replace(young=young.astype(dtype), poisson=poisson.astype(dtype)), state
-
-    def _both(self, params: Params) -> tuple[Array, Array]:
-        young, poisson = jnp.asarray(params.young), jnp.asarray(params.poisson)
-        return shear_modulus(young, poisson), bulk_modulus(young, poisson)
 
 
 def _at(tree: Any, keys: Keys) -> Any:

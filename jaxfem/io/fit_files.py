@@ -10,6 +10,7 @@ from jaxfem.fitting.engines import AUTO, ENGINES
 from jaxfem.fitting.errors import FitError
 from jaxfem.fitting.fields import KINDS
 from jaxfem.fitting.measurement import COMPARISONS, FRAMES
+from jaxfem.fitting.moduli import MODULI
 from jaxfem.fitting.noise import CORRELATIONS, LOSSES, Noise
 from jaxfem.fitting.priors import Gaussian, LogNormal
 from jaxfem.fitting.recovery import CHECKS
@@ -29,7 +30,6 @@ FIELD_KEYS = ("constant", "jump", "kind")
 TAKE_KEYS = ("name", "recording", "scene", "held_out", "release", "end", "beside")
 RECORDING_KEYS = ("file", "unit", "rate", "camera")
 OUTPUT_KEYS = ("folder",)
-MODULI = ("shear_modulus", "bulk_modulus")
 
 
 @dataclasses.dataclass(frozen=True)

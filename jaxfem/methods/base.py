@@ -61,8 +61,11 @@ class CannotServe(ValueError):
 
 
 class Solved(Pytree):
-    """The solution of a step, by whichever method: end-of-step `velocities` (n, 3) of all triples, `impulses` of the
-    groups of rows that the method solves for (None where it has none), and how the solve went."""
+    """The solution of a step, by whichever method and at whichever stage: end-of-step `velocities` (n, 3) of all
+    triples, `impulses` of the groups of rows that are solved for (None where there are none), and how the solve went.
+
+    What is solved for below a step, by itself, is a pair: the solution, an array or a pytree, and its `SolveInfo`.
+    """
 
     velocities: Array
     impulses: OrderedDict[str, Array] | None

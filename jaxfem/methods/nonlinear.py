@@ -46,9 +46,9 @@ class InRounds(Protocol):
 
     def round(
         self, system: System, cache: Any, velocities: Array, impulses: Impulses | None, target: Array
-    ) -> tuple[Array, Impulses | None, SolveInfo, Array]:
-        """Velocities of the free nodes (n, 3), impulses, info, and whether nothing is left to do; `target` [N s]: the
-        residual at which the rounds end."""
+    ) -> tuple[Solved, Array]:
+        """With velocities of the free nodes (n, 3), and whether nothing is left to do; `target` [N s]: the residual at
+        which the rounds end."""
 
 
 class ImplicitRotations(Method):
@@ -175,15 +175,16 @@ def _system(inputs: _Inputs, around: Array) -> System:
 
 def _round(inner: InRounds, cache: Any, s: _Rounds, system: System, residual: Array) -> _Rounds:
     """One solve of the method inside, with the rotations of the last."""
-    found, rows, info, nothing_left = inner.round(system, cache, s.velocities, s.impulses, s.target)
+    found, nothing_left = inner.round(system, cache, s.velocities, s.impulses, s.target)
+    info = found.info
     s = s.replace(status=jnp.where(nothing_left, info.status, s.status).astype(jnp.int32))
     failed = (info.status != int(Status.CONVERGED)) & (info.status != int(Status.ITERATION_LIMIT))
     status = jnp.where(failed, info.status, s.status).astype(jnp.int32)
     total = s.iterations + info.iterations
     return s.replace(
-        velocities=found,
+        velocities=found.velocities,
         best=s.velocities,
-        impulses=rows,
+        impulses=found.impulses,
         least=jnp.minimum(residual, s.least),
         iterations=total,
         status=status,

@@ -91,9 +91,9 @@ def minimize_with_rows(
     follow: Follow | None = None,
     stiffened: Callable[[Blocks], Operator] | None = None,
     sharpest: float = SHARPEST,
-) -> tuple[Array, Blocks, SolveInfo]:
+) -> tuple[tuple[Array, Blocks], SolveInfo]:
     """Find the step d and impulses lam with  gradient + S d = J' lam  and  slack - J d - C lam  complementary to
-    lower <= lam <= upper:  (d, lam, info).
+    lower <= lam <= upper:  ((d, lam), info).
 
     matvec: d -> S d, S symmetric positive definite.  preconditioner: stiffness of the rows in play (zero for others)
     -> an SPD approximation of (S + J' stiffness J)^-1.  stiffened: stiffness -> the product with S + J' stiffness J,
@@ -118,7 +118,8 @@ def minimize_with_rows(
         return moved(rows, terms, heading, s, step, matvec(step), info)
 
     last = jax.lax.while_loop(lambda s: unfinished(s, max_iterations), trip, first)
-    return last.step, *finished(terms, last, scale, follow)
+    impulses, info = finished(terms, last, scale, follow)
+    return (last.step, impulses), info
 
 
 def started(

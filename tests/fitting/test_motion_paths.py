@@ -7,7 +7,8 @@ import pytest
 import jaxfem as jf
 from jaxfem.fitting import Recording, Search, Take, attach, fit_takes
 from jaxfem.fitting.markers import marker_places
-from jaxfem.fitting.paths import asked_of, placed_constants, value_of, with_all
+from jaxfem.fitting.moduli import asked_of
+from jaxfem.fitting.paths import placed_constants, value_of, with_all
 from jaxfem.materials.linear import Linear
 
 SHAKEN = jf.Motion(amplitude=(0.0, 0.0, 2e-3), frequency=4.0, phase=0.3)

@@ -43,9 +43,10 @@ def solve(hessian, gradient, rows, slack, compliance, lower, upper, tol, limit=1
         whole = jnp.diag(1 / inverse) + rows.matrix.T @ (stiffness[0][:, None] * rows.matrix)
         return lambda r: jnp.linalg.solve(whole, r)
 
-    return minimize_with_rows(
+    (step, impulses), info = minimize_with_rows(
         lambda x: hessian @ x, gradient, (rows,), terms, preconditioner, tol=tol, max_iterations=limit
     )
+    return step, impulses, info
 
 
 @pytest.mark.parametrize("compliance", [1.0, 1e-4, 1e-10, 0.0])

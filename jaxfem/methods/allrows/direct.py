@@ -78,7 +78,7 @@ class EliminationSearch:
         rows = flat_rows(exact, operator)
 
         def once(start: Impulses, bounds: Bounds, limit: Array) -> Found:
-            found, velocities, info = search_by_elimination(exact, plan, start, rows, bounds, limit)
+            (found, velocities), info = search_by_elimination(exact, plan, start, rows, bounds, limit)
             velocities = jnp.where(system.free[:, None] > 0, velocities, system.prescribed)
             return Found(found, sides_of(bounds, found), info, velocities)
 

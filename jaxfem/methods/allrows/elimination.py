@@ -57,9 +57,9 @@ class _Round(Pytree):
 
 def search_by_elimination(
     system: System, order: RowOrder, start: Impulses, rows: FlatRows, own: Bounds, most: Array
-) -> tuple[Impulses, Array, SolveInfo]:
-    """Impulses within their `own` bounds, the velocities that they give, and info; its iterations are products with A,
-    of which there are no more than `most`, but for the last round's check."""
+) -> tuple[tuple[Impulses, Array], SolveInfo]:
+    """Impulses within their `own` bounds and the velocities that they give; and info. Its iterations are products with
+    A, of which there are no more than `most`, but for the last round's check."""
     guess, bounds = flat(start), flat_bounds(own, start)
     root = jnp.sqrt(rows.diagonal)
     scale, wanted = _sizes(system, rows.right, root)
@@ -70,7 +70,7 @@ def search_by_elimination(
     if bounds is None:
         found, size, products = _refined(order, rows, at(guess), jnp.ones_like(guess), wanted, most)
         info = _info(size, jnp.bool_(False), scale, wanted, products + 1, jnp.int32(0))
-        return rows.split(found.impulses), found.velocities, info
+        return (rows.split(found.impulses), found.velocities), info
 
     low, up = bounds
     slack = SLACK * wanted / (root * guess.size**0.5)
@@ -101,7 +101,7 @@ def search_by_elimination(
     weak = _weak(end, impulses, root, bounds, wanted)
     info = _info(end.size, end.changed, scale, wanted, end.products, weak)
 
-    def go_on() -> tuple[Array, Array, SolveInfo]:
+    def go_on() -> tuple[tuple[Array, Array], SolveInfo]:
         # Neither an active set that circles nor MPRGP goes down all the way: what is worse than the start is dropped.
         best = _lower(at(jnp.clip(guess, low, up)), _measured(rows, impulses, velocities))
         stop = {"tol": wanted / jnp.where(scale > 0, scale, 1)}
@@ -109,10 +109,11 @@ def search_by_elimination(
         further, after = mprgp_loop(rows.product, rows.right, low, up, x0=best.impulses, diagonal=rows.diagonal, **stop)
         beyond = at(further)
         best = trees.where(after.status == 0, beyond, _lower(best, beyond))
-        return best.impulses, best.velocities, after.replace(iterations=after.iterations + end.products)
+        counted = after.replace(iterations=after.iterations + end.products)
+        return (best.impulses, best.velocities), counted
 
-    ended = jax.lax.cond(info.status == 0, lambda: (impulses, velocities, info), go_on)
-    return rows.split(ended[0]), *ended[1:]
+    (impulses, velocities), info = jax.lax.cond(info.status == 0, lambda: ((impulses, velocities), info), go_on)
+    return (rows.split(impulses), velocities), info
 
 
 def _sizes(system: System, right: Array, root: Array) -> tuple[Array, Array]:

@@ -62,11 +62,11 @@ class Mprgp(RowMethod):
 
     def round(
         self, system: System, cache: Any, velocities: Array, impulses: Impulses | None, target: Array
-    ) -> tuple[Array, Impulses, SolveInfo, Array]:
+    ) -> tuple[Solved, Array]:
         """One solve. Its tolerance is one of the rows' own residual: where that holds at once, the rounds end."""
         assert impulses is not None
-        unknown, info, found = _searched(system, impulses)
-        return unknown, found, info, info.iterations == 0
+        (unknown, found), info = _searched(system, impulses)
+        return Solved(unknown, found, info), info.iterations == 0
 
 
 @dataclasses.dataclass(frozen=True)
@@ -113,7 +113,7 @@ class _ByImpulses(VelocityCondition):
 
     def solve(self, inputs: Prepared, guess: Impulses) -> tuple[Array, Any]:
         """From the last impulses."""
-        unknown, info, impulses = _searched(inputs.system, guess)
+        (unknown, impulses), info = _searched(inputs.system, guess)
         return unknown, (info, impulses)
 
 
@@ -123,11 +123,12 @@ class _PairByImpulses(PairCondition):
 
     def solve(self, inputs: Prepared, guess: Any) -> tuple[Any, Any]:
         """From the last impulses."""
-        unknown, info, impulses = _searched(inputs.system, guess)
-        return (unknown, named(inputs.system.extra, (impulses[n] for n in inputs.system.extra))), (info, impulses)
+        (unknown, impulses), info = _searched(inputs.system, guess)
+        extra = named(inputs.system.extra, (impulses[name] for name in inputs.system.extra))
+        return (unknown, extra), (info, impulses)
 
 
-def _searched(system: System, guess: Impulses) -> tuple[Array, SolveInfo, Impulses]:
-    """Velocities of the free nodes (n, 3), info and impulses."""
+def _searched(system: System, guess: Impulses) -> tuple[tuple[Array, Impulses], SolveInfo]:
+    """Velocities of the free nodes (n, 3) and impulses; and info."""
     found = MprgpSearch().found(system, None, row_operator(system), guess)
-    return velocities_from(system, found.impulses) * system.free[:, None], found.info, found.impulses
+    return (velocities_from(system, found.impulses) * system.free[:, None], found.impulses), found.info

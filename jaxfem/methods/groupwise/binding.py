@@ -19,9 +19,11 @@ from jaxfem.solvers.status import SolveInfo
 Array = jax.Array
 
 
-def bound_solution(given: Prepared, coefficient: Array, rounds: int, dt: Array) -> tuple[Array, SolveInfo, Array]:
-    """Velocities (n, 3) after the rounds with the coefficient [N/m], from no binding force; info, and the largest
-    speed [m/s] of a copy against the mean of its node's. `info.residual`: those speeds as a share of all."""
+def bound_solution(
+    given: Prepared, coefficient: Array, rounds: int, dt: Array
+) -> tuple[tuple[Array, Array], SolveInfo]:
+    """Velocities (n, 3) after the rounds with the coefficient [N/m], from no binding force, beside the largest
+    speed [m/s] of a copy against the mean of its node's; and info. `info.residual`: those speeds as a share of all."""
     system = given.system
     groups = system.groups
     force = jnp.zeros((*groups.shared.shape, 3), system.load.dtype)
@@ -40,7 +42,7 @@ def bound_solution(given: Prepared, coefficient: Array, rounds: int, dt: Array) 
     share = jax.lax.stop_gradient(jnp.linalg.norm(apart) / jnp.where(size > 0, size, 1))
     worst = jnp.maximum(jnp.max(infos.status, initial=0), info.status)
     told = SolveInfo(worst, jnp.sum(infos.iterations) + info.iterations, share, jnp.int32(0))
-    return system.merged(system.means(copies)), told, jnp.max(jnp.abs(apart), initial=0.0)
+    return (system.merged(system.means(copies)), jnp.max(jnp.abs(apart), initial=0.0)), told
 
 
 def _separate(given: Prepared, right: Array, pushes: Array) -> tuple[Array, SolveInfo]:

@@ -110,22 +110,23 @@ class Groupwise(Method):
             unknown, info = implicit_solution(ExactCondition(), given, state.velocities)
             velocities, gap = given.system.merged(unknown), jnp.zeros((), model.rest.dtype)
         else:
-            velocities, info, gap = self._bound(given, params.constants[BINDING.name], dt, model.rest)
+            (velocities, gap), info = self._bound(given, params.constants[BINDING.name], dt, model.rest)
         following, told = ended(model, params, state, dt, Solved(velocities, None, info), forces=forces)
         return following.replace(memory=GroupMemory(jax.lax.stop_gradient(dt * gap))), told
 
-    def _bound(self, given: Prepared, coefficient: Array, dt: Array, rest: Array) -> tuple[Array, SolveInfo, Array]:
-        """Velocities (n, 3), info and gap [m/s] after the rounds, with what is above the limit lowered or told; also
-        told where copies of a node end far apart, by the size of the scene at `rest` (n, 3)."""
+    def _bound(
+        self, given: Prepared, coefficient: Array, dt: Array, rest: Array
+    ) -> tuple[tuple[Array, Array], SolveInfo]:
+        """Velocities (n, 3) and gap [m/s], and info, after the rounds; what is above the limit is lowered or told. Also
+        told: where copies of a node end far apart, by the size of the scene at `rest` (n, 3)."""
         limit = given.matrices.limit_at(dt)
         used = jnp.minimum(coefficient, SAFE * limit) if self.enforce else coefficient
-        velocities, info, gap = bound_solution(given, used, self.rounds, dt)
-        torn = dt * gap > TORN * jnp.max(jnp.ptp(rest, axis=0))
+        found, info = bound_solution(given, used, self.rounds, dt)
+        torn = dt * found[1] > TORN * jnp.max(jnp.ptp(rest, axis=0))
         status = jnp.where(torn, caused(Status.ITERATION_LIMIT, APART), info.status)
         if not self.enforce:
             status = jnp.where(coefficient > limit, caused(Status.INVALID_VALUE, UNSTABLE), status)
-        info = info.replace(status=status.astype(jnp.int32))
-        return velocities, info, gap
+        return found, info.replace(status=status.astype(jnp.int32))
 
 
 def binding_limit(model: Model, params: Params, state: State, dt: Any) -> Array:

@@ -82,7 +82,7 @@ def solve_bounded(system: System, coarse: Array, guess: Pair, gradient: Array | 
     names, terms, follow = tuple(system.extra), terms_at(system, velocities, guess[1]), following(system)
     gradient = momentum_gradient(system, start) if gradient is None else gradient
     minimize = _minimizer(system, coarse)
-    step, found, info = minimize(gradient, terms, system.tolerance, system.floor, follow)
+    (step, found), info = minimize(gradient, terms, system.tolerance, system.floor, follow)
     end, impulses = start + step * free, named(names, found)
     weak = weakly_active(system, merged(system, end), impulses)
     return (end, impulses), info.replace(weakly_active=weak)
@@ -98,7 +98,7 @@ def pair_tangent(system: System, coarse: Array, unknown: Pair) -> Callable[[Pair
     def solve(right: Pair, tolerance: Any) -> tuple[Pair, SolveInfo]:
         wanted = tuple(right[1].values())
         terms = tangent_terms(system, held, wanted)
-        velocities, impulses, info = minimize(-right[0], terms, tolerance, 0.0, None)
+        (velocities, impulses), info = minimize(-right[0], terms, tolerance, 0.0, None)
         return (velocities, named(names, map(jnp.where, held, wanted, impulses))), info
 
     return solve
@@ -170,7 +170,7 @@ def _minimizer(system: System, coarse: Array) -> Any:
         return stiffened(product, tuple(map(RowStiffness, rows, stiffness)))
 
     def solve(gradient: Array, terms: RowTerms, tolerance: Any, absolute: Any, follow: Any) -> Any:
-        step, impulses, info = minimize_with_rows(
+        (step, impulses), info = minimize_with_rows(
             product,
             order.gathered(gradient),
             rows,
@@ -183,7 +183,7 @@ def _minimizer(system: System, coarse: Array) -> Any:
             stiffened=with_rows,
             sharpest=SHARPEST if few(rows) else SHARPEST_TIED,
         )
-        return order.scattered(step), impulses, info
+        return (order.scattered(step), impulses), info
 
     return solve
 

@@ -72,11 +72,11 @@ class Condensed(RowMethod):
 
     def round(
         self, system: System, cache: Any, velocities: Array, impulses: Impulses | None, target: Array
-    ) -> tuple[Array, None, SolveInfo, Array]:
+    ) -> tuple[Solved, Array]:
         """One solve, to no more digits than the next one will leave."""
         loose = system.replace(tolerance=jnp.maximum(system.tolerance, FIRST_DIGITS), floor=0.3 * target)
         found, info = solve_condensed(loose, cache, velocities)
-        return found, None, info, jnp.bool_(False)
+        return Solved(found, None, info), jnp.bool_(False)
 
 
 def solve_on_velocities(condition: "VelocityCondition", inputs: Prepared, guess: Any) -> Solved:

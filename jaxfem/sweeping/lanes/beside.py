@@ -59,8 +59,8 @@ def on_free_nodes(body: Body, system: System) -> tuple[PointRows, ...]:
 
     def placed(rows: PointRows) -> PointRows:
         moving = jnp.repeat(system.free[rows.triples], 3, axis=1)[:, None]
-        triples = jnp.minimum(body.back[rows.triples], body.free - 1)
-        return rows.replace(triples=triples, jacobian=rows.jacobian * moving, unknowns=body.free)
+        triples = jnp.minimum(body.back[rows.triples], body.free_count - 1)
+        return rows.replace(triples=triples, jacobian=rows.jacobian * moving, unknowns=body.free_count)
 
     return tuple(placed(rows) for rows in system.extra.values())
 

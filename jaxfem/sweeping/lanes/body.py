@@ -46,7 +46,7 @@ class Body(Pytree):
     bulk: Array
     sure: Array | None
     loose: Loose | None
-    free: int = static()
+    free_count: int = static()
     complete: bool = static()
 
     def fence(self, values: Any) -> Any:
@@ -108,7 +108,7 @@ def body_of(model: Model, params: Params) -> Body:
         bulk=on_device(float((volumetric * volumes).sum() / (deviatoric * volumes).sum()), dtype),
         sure=jnp.bool_(True) if _on_cpu(model) else None,
         loose=loose_of(model, order),
-        free=count,
+        free_count=count,
         complete=3 * count <= ALL,
     )
 

@@ -109,7 +109,7 @@ def _change(unknown: Pair, _: Outcome, arguments: Any, pushed: Callable[[Callabl
     body, frames, equation, system, _, effort = arguments
 
     def gradient(body: Body, frames: Frames, equation: Equation, system: System, unknown: Pair) -> Pair:
-        v, free = equation.velocities, body.free
+        v, free = equation.velocities, body.free_count
         v = jnp.concatenate([v[:free] + unknown[0], v[free:]])
         push, residuals = lanewise(partial(_row_gradient, body))(system, v, unknown[1])
         return -left(body, frames, equation, unknown[0]) - push[:free], residuals

@@ -49,7 +49,7 @@ def _deformation(model: Model, body: Body, params: Params, state: State, lane: L
     density = lane.density * body.density
 
     def modal(field: Array) -> Array:
-        return matmul(body.shapes.T, field[: body.free].reshape(-1).astype(body.shapes.dtype))
+        return matmul(body.shapes.T, field[: body.free_count].reshape(-1).astype(body.shapes.dtype))
 
     force = lane.weight + load_force(model.loads, params.loads, state.positions)[body.order]
     share = lane.mass / density

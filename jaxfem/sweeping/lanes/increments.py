@@ -83,7 +83,7 @@ def increment(body: Body, frames: Frames, equation: Equation, effort: Effort) ->
 
 def left(body: Body, frames: Frames, equation: Equation, change: Array | None) -> Array:
     """The momentum that is left to do at the velocities and a `change` (nf, 3, lanes) of them, (nf, 3, lanes)."""
-    stage, lane, v, free = equation.stage, equation.lane, equation.velocities, body.free
+    stage, lane, v, free = equation.stage, equation.lane, equation.velocities, body.free_count
     if change is not None:
         v = jnp.concatenate([v[:free] + change, v[free:]])
     place = stage.base + stage.reach * v if stage.ahead is None else stage.base + stage.ahead + stage.reach * v
@@ -134,7 +134,7 @@ def stiffness(body: Body, equation: Equation) -> tuple[Array, Array]:
 
 def operators(body: Body, frames: Frames, equation: Equation) -> tuple[Linear, Linear]:
     """The matrix M + weight (reach + beta follow) K on the free nodes, and its preconditioner."""
-    stage, lane, free = equation.stage, equation.lane, body.free
+    stage, lane, free = equation.stage, equation.lane, body.free_count
     lam, mu = stiffness(body, equation)
     still, mass = jnp.zeros_like(equation.velocities[free:]), inertia(stage, lane)[:free]
 
@@ -159,8 +159,8 @@ def _relative(body: Body, stage: Stage, lane: Lane) -> tuple[Array, Array]:
     scale = weight * (reach + lane.damping * follow) * lane.stiffness * body.stiffness / body.density
     if lane.drag is None:
         return scale, lane.density
-    mass = lane.mass[: body.free]
-    return scale, lane.density * inertia(stage, lane)[: body.free].sum((0, 1)) / mass.sum((0, 1))
+    mass = lane.mass[: body.free_count]
+    return scale, lane.density * inertia(stage, lane)[: body.free_count].sum((0, 1)) / mass.sum((0, 1))
 
 
 def each_element(body: Body, value: Array) -> Array:

@@ -133,7 +133,7 @@ def diagonal_blocks(body: Body, turned: Array, lam: Array, mu: Array, mass: Arra
     def column(j: int) -> Array:
         rows = body.fence(lambda: (own * turned[:, :, j])[:, :, None] * turned + share[:, :, None] * _axis(turned, j))
         whole = nodal_sum(body, rows.reshape(-1, *rows.shape[2:]))
-        found: Array = (whole + mass * _axis(turned, j))[: body.free]
+        found: Array = (whole + mass * _axis(turned, j))[: body.free_count]
         return found
 
     return jnp.stack([column(j) for j in AXES], 2)

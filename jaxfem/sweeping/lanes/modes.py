@@ -20,14 +20,15 @@ Modes = tuple[np.ndarray, np.ndarray]
 
 
 class Rest(NamedTuple):
-    """A body at rest: `gradients` (E, 4, 3), `volumes` (E,), `cells` (E, 4), `mass` (n,), of which the first `free`
-    nodes move; `bulk`, `shear` (E,): 3K and 2 mu; `share` of the mass that is consistent, see `elements/mass.py`."""
+    """A body at rest: `gradients` (E, 4, 3), `volumes` (E,), `cells` (E, 4), `mass` (n,), of which the first
+    `free_count` nodes move; `bulk`, `shear` (E,): 3K and 2 mu; `share` of the mass that is consistent, see
+    `elements/mass.py`."""
 
     gradients: np.ndarray
     volumes: np.ndarray
     cells: np.ndarray
     mass: np.ndarray
-    free: int
+    free_count: int
     bulk: np.ndarray
     shear: np.ndarray
     share: float
@@ -50,7 +51,7 @@ def group_modes(rest: Rest, points: np.ndarray, node_body: np.ndarray) -> Modes:
     import scipy.linalg
     import scipy.sparse
 
-    free = rest.free
+    free = rest.free_count
     groups = body_groups(points[:free], _numbered(node_body[:free]), GROUP, MOST // MAPS)
     columns, rows, entries, width = [], [], [], 0
     for nodes in groups:
@@ -116,7 +117,7 @@ def _mass(rest: Rest) -> Any:
     """Of the free directions, (3 nf, 3 nf), sparse, of a density of 1."""
     import scipy.sparse
 
-    lumped = scipy.sparse.diags_array(np.repeat(rest.mass[: rest.free], 3)).tocsr()
+    lumped = scipy.sparse.diags_array(np.repeat(rest.mass[: rest.free_count], 3)).tocsr()
     if not rest.share:
         return lumped
     tied = rest.share / 20 * np.kron(np.ones((4, 4)) - 4 * np.eye(4), np.eye(3))
@@ -129,5 +130,5 @@ def _assembled(rest: Rest, local: np.ndarray) -> Any:
 
     dof = (3 * rest.cells[:, :, None] + np.arange(3)).reshape(-1, 12)
     rows, columns = (np.broadcast_to(each, local.shape).ravel() for each in (dof[:, :, None], dof[:, None]))
-    size, free = 3 * len(rest.mass), 3 * rest.free
+    size, free = 3 * len(rest.mass), 3 * rest.free_count
     return scipy.sparse.csr_array((local.ravel(), (rows, columns)), shape=(size, size))[:free, :free]

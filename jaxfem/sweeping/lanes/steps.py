@@ -107,7 +107,7 @@ def first(model: Model, body: Body, params: Params, state: State, failed: Array)
 
 def step(model: Model, body: Body, lane: Lane, params: Params, at: Moving, dt: Array) -> tuple[Moving, Told]:
     """One step of all lanes; `params`: leaves with lanes last; `dt` (lanes,)."""
-    free = jnp.arange(at.positions.shape[0])[:, None, None] < body.free
+    free = jnp.arange(at.positions.shape[0])[:, None, None] < body.free_count
     prescribed = _prescribed(model, body, params, at, dt)
     beside = system_beside(model, body, params, at, dt) if model.coupled else None
     impact = None if beside is None or beside.impact is None else beside.impact[body.order]
@@ -149,7 +149,7 @@ def _solved(
         change, outcome = increment(body, frames, equation, effort)
     else:
         change, impulses, outcome = increment_with_rows(body, frames, equation, beside, impulses, effort)
-    v = jnp.concatenate([v[: body.free] + change, v[body.free :]])
+    v = jnp.concatenate([v[: body.free_count] + change, v[body.free_count :]])
     return _with_momentum(model, body, equation, at, v, beside, impulses), impulses, outcome
 
 
