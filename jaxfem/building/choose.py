@@ -1,15 +1,14 @@
 """Which method solves a scene's steps: the one asked for, or for "auto" the first of a table that serves the scene."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.answers import described, hashable, odd_leaf
+from jaxfem.building.own_constants import with_own_constants
 from jaxfem.declared import SceneError
-from jaxfem.materials.constants import Constant
 from jaxfem.methods import METHODS, CannotServe, Condensed, Direct, Facts, ImplicitRotations, Method, Mprgp
 from jaxfem.methods.by_rows import first_system
 from jaxfem.methods.nodes.row_stiffness import MOST_EXACT
@@ -151,13 +150,8 @@ def _turning(method: Method, rotation_update: str) -> Method:
 def _planned(built: Built, method: Method, choice: Choice) -> tuple[Model, Params, State]:
     plan = method.plan(built.model, built.params, built.state)
     _check_arrays(method, "plan", plan)
-    model, params, own = built.model.replace(method=method, choice=choice, plan=plan), built.params, method.constants()
-    if not isinstance(own, Mapping) or not all(isinstance(each, Constant) for each in own):
-        raise SceneError(_wrong(method, "constants", own, "a mapping of Constant(...) to its value"))
-    if own:
-        model = model.replace(more_constants=(*model.more_constants, *own))
-        values = {each.name: jnp.asarray(value, model.rest.dtype) for each, value in own.items()}
-        params = params.replace(constants={**params.constants, **values})
+    model = built.model.replace(method=method, choice=choice, plan=plan)
+    model, params = with_own_constants(method, model, built.params)
     memory = method.start(model, params, built.state)
     _check_arrays(method, "start", memory)
     return model, params, built.state.replace(memory=memory)

@@ -14,6 +14,7 @@ from jaxfem.answers import STATIC, asked, described, hashable, is_array, structu
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
+from jaxfem.materials.quantities import quantities_of
 from jaxfem.model import Model, Params
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.locks import JointRows
@@ -39,7 +40,17 @@ def checked_parts(joint: Joint, index: BodyIndex, where: str) -> list[Part]:
             )
         if not isinstance(part.rows, JointRows):
             raise SceneError(f'{where}: the rows of "{part.word}" are {described(part.rows)}; give a JointRows')
+        check_once(part.values, f'{where}: the values of "{part.word}"')
     return parts
+
+
+def check_once(values: Any, of: str) -> None:
+    """SceneError where two fields are one constant to fits: a fit of the one would set the other."""
+    fields: dict[str, str] = {}
+    for field, quantity in quantities_of(values):
+        name = quantity.constant.name
+        if (other := fields.setdefault(name, field)) != field:
+            raise SceneError(f"{of} call both {other} and {field} {name!r} in fits: give one of them another name")
 
 
 LEAVES = {

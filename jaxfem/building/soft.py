@@ -1,6 +1,5 @@
 """Soft bodies' materials in `build`: strain domains by law, constants of all bodies side by side, what is refused."""
 
-import dataclasses
 import warnings
 from collections.abc import Iterator, Sequence
 from typing import Any
@@ -8,6 +7,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.building.own_constants import taken_names
 from jaxfem.declared.errors import AccuracyWarning as AccuracyWarning
 from jaxfem.declared.scene import SceneError, SoftBody
 from jaxfem.elements.domains import Domains
@@ -18,10 +18,6 @@ from jaxfem.materials.constants import DENSITY, MASS_DAMPING, Constant
 from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.mesh import MeshWarning
 from jaxfem.mesh.troubles import troubles
-from jaxfem.model import Params
-
-ELSEWHERE = ("dt", "state", "delay")
-"""Names that sweeps and fits have for what is no constant."""
 
 
 def check_answers(bodies: Sequence[SoftBody], names: Sequence[str], dtype: Any) -> None:
@@ -60,8 +56,7 @@ def check_body(body: SoftBody, name: str) -> None:
 
 def check_laws(bodies: Sequence[SoftBody], names: Sequence[str]) -> None:
     """Refuse constants of one name and two meanings, and names that `Params` has for others."""
-    taken = {each.name for each in dataclasses.fields(Params)} | {*dir(Params), DENSITY.name, MASS_DAMPING.name}
-    taken |= {*ELSEWHERE}
+    taken = taken_names()
     known: dict[str, Constant] = {}
     for body, name in zip(bodies, names, strict=True):
         law = body.made_of

@@ -124,7 +124,10 @@ class Method(abc.ABC):
         return None
 
     def constants(self) -> Mapping[Constant, float]:
-        """Constants of its own with their values; they go to `Params`, to be fitted and differentiated like others."""
+        """Constants of its own with their values; they go to `Params`, to be fitted and differentiated like others.
+
+        Their names are the method's alone: what `params` hold anyway is read there. `build` refuses others.
+        """
         return {}
 
     def plan(self, model: Model, params: Params, state: State) -> Any:

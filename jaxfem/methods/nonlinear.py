@@ -7,11 +7,13 @@ tangent is small where steps are, and leaves a matrix that is always definite.
 """
 
 import dataclasses
+from collections.abc import Mapping
 from typing import Any, Protocol
 
 import jax
 import jax.numpy as jnp
 
+from jaxfem.materials.constants import Constant
 from jaxfem.methods.base import Facts, Method, Solved
 from jaxfem.methods.by_rows import Impulses
 from jaxfem.methods.ending import ended
@@ -89,6 +91,11 @@ class ImplicitRotations(Method):
                 f"{line[ranks['round']].__name__}: give it a `round` of its own too"
             )
         return None
+
+    def constants(self) -> Mapping[Constant, float]:
+        """As the method inside."""
+        found: Mapping[Constant, float] = self.inner.constants()
+        return found
 
     def plan(self, model: Model, params: Params, state: State) -> Any:
         """As the method inside."""

@@ -89,6 +89,33 @@ def test_sweeps_take_it_with_contacts_whatever_it_remembers():
         jf.sweep(model, params, state, {"young": young}, engine="lanes", **options)
 
 
+class Pushed(Condensed):
+    """A method with a number of its own: a force on all nodes beside the loads."""
+
+    name: ClassVar[str] = "pushed"
+    push: float = 0.25
+
+    def constants(self):
+        return {jf.Constant("push", "N", "must be >= 0 N", low=0.0, closed=True): self.push}
+
+    def step(self, model, params, state, dt, forces, cache):
+        push = jnp.zeros_like(state.positions).at[:, 0].set(params.push)
+        return super().step(model, params, state, dt, push if forces is None else forces + push, cache)
+
+
+def test_its_constants_are_in_params_beside_those_of_the_material():
+    model, params, state = cube("pushed")
+    assert float(params.push) == 0.25 and model.constants["push"].unit == "N" and float(params.young) == 1e5
+    plain = cube("condensed")
+    for push in (0.25, 0.5):
+        found, _ = jf.step(model, params.replace(push=push), state, 5e-3)
+        forces = jnp.zeros_like(state.positions).at[:, 0].set(push)
+        np.testing.assert_allclose(found.positions, jf.step(*plain, 5e-3, forces=forces)[0].positions, atol=1e-12)
+    body = jf.SoftBody(jf.mesh.box((0.1, 0.1, 0.1), 1), young=1e5, poisson=0.3, density=1e3)
+    named = type("Named", (Condensed,), {"name": None, "constants": Pushed.constants, "push": 0.75})
+    assert float(jf.build(jf.Scene([body]), solver=named(), rotation_update="implicit")[1].push) == 0.75
+
+
 def test_it_is_known_by_its_name_and_refuses_what_it_cannot_serve(tmp_path):
     assert METHODS["counted"].made is Counted
     file = tmp_path / "scene.toml"

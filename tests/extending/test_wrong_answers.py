@@ -8,9 +8,15 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.io import load_scene
+from jaxfem.materials.linear import POISSON
 from jaxfem.methods import METHODS, Condensed
 from jaxfem.pytrees import static
 from jaxfem.schemes import SCHEMES, Scheme, Stage
+
+
+def constant(name, unit=""):
+    return jf.Constant(name, unit, "must be > 0", low=0.0)
+
 
 SHEAR = jf.Constant("shear", "Pa", "must be > 0 Pa", low=0.0)
 MESH = jf.mesh.box((0.1, 0.1, 0.1), 1)
@@ -210,6 +216,36 @@ HOOKS = [
     ("plan", lambda s, *scene: {"way": "fast"}, r"`plan\['way'\]` gives 'fast'; it must give a tree of arrays"),
     ("start", lambda s, *scene: ("none",), r"`start\[0\]` gives 'none'"),
     ("constants", lambda s: [1.0], "`constants` gives .1.0.; it must give a mapping of Constant"),
+    *(
+        (
+            "constants",
+            lambda s, own=name: {constant(own): 1.0},
+            f"`constants` gives a constant called '{name}', which is",
+        )
+        for name in ("density", "mass_damping", "gravity", "rigid", "replace", "dt")
+    ),
+    (
+        "constants",
+        lambda s: {constant("young"): 1.0},
+        """`constants` gives .*'young', which params hold for the material of "block" .Linear.: read that value in""",
+    ),
+    (
+        "constants",
+        lambda s: {POISSON: 0.3},
+        """`constants` gives .*'poisson', which params hold for the material of "block".*another name""",
+    ),
+    (
+        "constants",
+        lambda s: {constant("share"): 1.0, constant("share", "Pa"): 2.0},
+        "`constants` gives 2 constants called 'share': rename all but one",
+    ),
+    (
+        "constants",
+        lambda s: {constant("share"): "a"},
+        "`constants` gives what it cannot: share .* is 'a': give one num",
+    ),
+    ("constants", lambda s: {constant("share"): -1.0}, ".*: share of .* is -1: it must be > 0"),
+    ("constants", lambda s: {constant("share"): [1.0, 2.0]}, r".*: share of .* has shape \(2,\); give one number"),
 ]
 
 

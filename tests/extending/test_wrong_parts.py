@@ -12,6 +12,7 @@ from jaxfem.declared.joints import Joint, Part
 from jaxfem.declared.loads import Load
 from jaxfem.inputs import Flag, Number, takes
 from jaxfem.loads import WeightedForce
+from jaxfem.materials.quantities import positive
 from jaxfem.pytrees import Pytree, static
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.locks import FrameLock, PointLock, Softness
@@ -72,7 +73,17 @@ def row(answer):
     return lambda joint, bodies, where: Part("wrong", made(*points(joint, bodies, where)), joint.softness)
 
 
+class Twofold(Softness):
+    """Softness with another number of the same name in fits."""
+
+    more: Any = field(default=0.0, metadata=positive("compliance", "m/N", "another compliance"))
+
+
 MADE = [
+    (
+        [lambda *given: lock(*given)._replace(values=Twofold(0.0, 0.0))],
+        r"""the values of "point" call both compliance and more 'compliance' in fits: give one of them another name""",
+    ),
     ([lambda *given: None], "`parts` yields None; it must yield a Part"),
     ([lambda *given: ("point", 1, 2)], r"`parts` yields \('point', 1, 2\)"),
     ([lambda *given: Part(3, *lock(*given)[1:])], "`parts` yields the word 3; give a text"),
