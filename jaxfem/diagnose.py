@@ -10,6 +10,7 @@ import numpy as np
 
 from jaxfem.batching import one_program
 from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.pytrees import on_host
 from jaxfem.rows.attachments import SoftPoint
 from jaxfem.rows.candidates import Candidates, pairs_of
 from jaxfem.rows.contact import ShapeContacts
@@ -100,7 +101,7 @@ def _along_time(model: Model, state: State, info: StepInfo) -> tuple[np.ndarray,
         )
     if places.ndim == 2:
         return np.atleast_1d(status), [state]
-    host = jax.tree.map(np.asarray, state)
+    host = on_host(state)
     return np.atleast_1d(status), [jax.tree.map(lambda leaf, at=at: leaf[at], host) for at in range(len(places))]
 
 

@@ -34,6 +34,28 @@ class Pytree:
         return dataclasses.replace(self, **changes)
 
 
+def is_key(leaf: Any) -> bool:
+    """Whether an array, or the shape of one, holds JAX's random keys, which NumPy does not know."""
+    return hasattr(leaf, "dtype") and bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))
+
+
+def on_host(tree: Any) -> Any:
+    """A tree's arrays as NumPy's; random keys stay what they are."""
+    return jax.tree.map(lambda leaf: leaf if is_key(leaf) else np.asarray(leaf), tree)
+
+
+def without_keys(tree: Any) -> Any:
+    """A tree with random keys as the whole numbers that they are made of."""
+    return jax.tree.map(lambda leaf: jax.random.key_data(leaf) if is_key(leaf) else leaf, tree)
+
+
+def with_keys(leaf: Any, like: Any) -> Any:
+    """The key that a leaf of `without_keys` stands for, where that of which it came, `like` this one, is a key."""
+    if not is_key(like):
+        return leaf
+    return jax.random.wrap_key_data(leaf, impl=jax.random.key_impl(jnp.zeros((), like.dtype)))
+
+
 def on_device(values: Any, dtype: Any) -> jax.Array:
     """Host numbers as a device array. Cast by NumPy first: JAX would compile a program for each shape that it casts."""
     return jnp.asarray(np.asarray(values, dtype), dtype)

@@ -12,6 +12,8 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.pytrees import is_key
+
 Array = jax.Array
 
 
@@ -96,7 +98,7 @@ def ranged(value: Range | None) -> dict[str, Range | None]:
 
 
 def ranges_of(tree: Any, where: str = "", given: Range | None = NOT_NAN) -> Iterator[tuple[str, Any, Range]]:
-    """(name, value, range) of all numbers in a tree of dataclasses, tuples and dictionaries.
+    """(name, value, range) of all numbers in a tree of dataclasses, tuples and dictionaries; none of flags and keys.
 
     Names are those by which Python reaches them, `rigid.mass` or `joints["point rigid-world"].compliance`, behind
     `where`. `given`: of numbers that declare none, found in a field that does.
@@ -114,5 +116,5 @@ def ranges_of(tree: Any, where: str = "", given: Range | None = NOT_NAN) -> Iter
     elif isinstance(tree, tuple | list):
         for number, value in enumerate(tree):
             yield from ranges_of(value, f"{where}[{number}]", given)
-    else:
+    elif not is_key(tree) and getattr(tree, "dtype", None) != np.dtype(bool):
         yield where, tree, given

@@ -14,6 +14,7 @@ from jaxfem.diagnose import beyond, diagnose, words
 from jaxfem.io.checkpoints import checkpoint_path, save_checkpoint, scene_mark
 from jaxfem.io.export import FrameWriter
 from jaxfem.model import Model, Params, State, StepInfo
+from jaxfem.pytrees import on_host
 from jaxfem.solvers import Status
 from jaxfem.stepping.frames import Seen, Watch, begin, frames
 
@@ -55,7 +56,7 @@ class Run:
         if self.model is not None:
             self.mark = scene_mark(self.model, self.params)
             self.model, state = begin(self.model, self.params, self.state, self.dt)
-            self.state = jax.tree.map(np.asarray, state)  # as later ones are: else a program more
+            self.state = on_host(state)  # as later ones are: else a program more
             size = sum(leaf.nbytes for leaf in jax.tree.leaves(self.state))
             self.every = min(self.every, max(1, self.steps))
             most = min(MOST, ROOM // max(size, 1), MOST_ROWS // self.every, -(-self.steps // self.every))
@@ -106,7 +107,7 @@ def _chunk(run: Run, writer: FrameWriter, bar: Progress) -> None:
     made = jax.block_until_ready(frames(run.model, run.params, run.state, run.dt, count, every, **options))
     run.chunks.append((count * every, time.perf_counter() - begun))
     # Through the host, where the frame is written anyway: on the device each shape would take a program of its own.
-    rows = jax.tree.map(np.asarray, made)
+    rows = on_host(made)
     for number in range(count):
         following, info = jax.tree.map(lambda leaf, at=number: leaf[at], rows[:2])
         steps = [

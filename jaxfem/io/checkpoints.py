@@ -11,6 +11,7 @@ import numpy as np
 
 from jaxfem.io.scene_files import SceneFileError
 from jaxfem.model import Model, Params, State
+from jaxfem.pytrees import with_keys, without_keys
 from jaxfem.stepping import rollout
 
 
@@ -37,7 +38,7 @@ def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int,
 
     `mark`: the scene's, see `scene_mark`.
     """
-    leaves = jax.tree_util.tree_flatten_with_path(state)[0]
+    leaves = jax.tree_util.tree_flatten_with_path(without_keys(state))[0]
     names = np.array([jax.tree_util.keystr(key) for key, _ in leaves])
     arrays = {f"leaf_{number}": np.asarray(leaf) for number, (_, leaf) in enumerate(leaves)}
     temporary = path.with_name(path.name + ".part.npz")
@@ -53,7 +54,7 @@ def load_checkpoint(
     if not path.is_file():
         raise SceneFileError(f"there is no {path} to go on from: the run was not begun, or by an older version")
     stood: Any = jax.eval_shape(lambda given: rollout(model, params, given, dt, 1)[0], state)
-    wanted, shape = jax.tree_util.tree_flatten_with_path(stood)[0], jax.tree.structure(stood)
+    wanted = jax.tree_util.tree_flatten_with_path(jax.eval_shape(without_keys, stood))[0]
     with np.load(path) as saved:
         names = [jax.tree_util.keystr(key) for key, _ in wanted]
         leaves = [saved[f"leaf_{number}"] for number in range(len(saved["names"]))]
@@ -69,7 +70,8 @@ def load_checkpoint(
                 f"{path} is of another scene, time step, method or precision, or numbers in the scene were "
                 "changed: give --force to begin anew, or --out FOLDER"
             )
-        return jax.tree.unflatten(shape, leaves), int(saved["done"]), int(saved["frames"])
+        found: State = jax.tree.map(with_keys, jax.tree.unflatten(jax.tree.structure(stood), leaves), stood)
+        return found, int(saved["done"]), int(saved["frames"])
 
 
 def listed_frames(index: Path) -> list[tuple[float, Path, dict[str, Path]]]:

@@ -1,5 +1,6 @@
 """What `step`, `rollout` and their like refuse, and the dtype that their numbers get; on the host."""
 
+from functools import partial
 from typing import Any, get_args
 
 import jax
@@ -20,7 +21,8 @@ class StepError(ValueError):
 def typed(model: Model, *values: Any) -> Any:
     """Arrays of the model's dtype from whatever numbers a user put there, so that no two calls differ by type alone.
 
-    A list, or a tuple of plain numbers, is one array.
+    A list, or a tuple of plain numbers, is one array. What a state's method and materials remember keeps its structure,
+    and what is no floating-point number in it, as a flag, a count or a random key, its type.
     """
 
     if not isinstance(model, Model):
@@ -31,7 +33,24 @@ def typed(model: Model, *values: Any) -> Any:
             isinstance(leaf, tuple) and len(leaf) > 0 and all(isinstance(number, int | float) for number in leaf)
         )
 
-    return jax.tree.map(lambda leaf: jnp.asarray(leaf, model.rest.dtype), values, is_leaf=one)
+    dtype = model.rest.dtype
+
+    def cast(value: Any) -> Any:
+        if isinstance(value, State):  # what is remembered has types of its own: flags, counts, random keys
+            memory, internal = jax.tree.map(partial(_remembered, dtype), (value.memory, value.internal))
+            return cast_numbers(value.replace(memory=None, internal=None)).replace(memory=memory, internal=internal)
+        return cast_numbers(value)
+
+    def cast_numbers(value: Any) -> Any:
+        return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), value, is_leaf=one)
+
+    return tuple(map(cast, values))
+
+
+def _remembered(dtype: Any, leaf: Any) -> Array:
+    """A leaf of what a method or a law remembers: of the `dtype` where it is a floating-point number, else as it is."""
+    array = jnp.asarray(leaf)
+    return jnp.asarray(array, dtype if jnp.issubdtype(array.dtype, jnp.floating) else array.dtype)
 
 
 def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any = None) -> None:

@@ -131,5 +131,6 @@ def _finite(state: State) -> Array:
         good.append(jnp.isfinite(jax.lax.stop_gradient(state.accelerations)).all())
     if state.rigid is not None:
         good.append(jnp.isfinite(jnp.concatenate(jax.tree.leaves(jax.lax.stop_gradient(state.rigid)), axis=1)).all())
-    good += [jnp.isfinite(leaf).all() for leaf in jax.tree.leaves(jax.lax.stop_gradient(state.internal))]
+    remembered = jax.tree.leaves(jax.lax.stop_gradient(state.internal))
+    good += [jnp.isfinite(leaf).all() for leaf in remembered if jnp.issubdtype(leaf.dtype, jnp.inexact)]
     return jnp.stack(good).all()

@@ -137,7 +137,8 @@ def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
             raise SweepError(
                 f'the values of "{name}" have shape {np.shape(value)} a variant; there, {np.shape(tree)} is needed'
             )
-        return value
+        counted = isinstance(tree, jax.Array) and not jnp.issubdtype(tree.dtype, jnp.floating)
+        return jnp.asarray(value, tree.dtype) if counted else value
     first, rest = keys[0], keys[1:]
     if dataclasses.is_dataclass(tree) and not isinstance(tree, type):
         return dataclasses.replace(tree, **{str(first): _set(getattr(tree, str(first)), rest, value, name)})
