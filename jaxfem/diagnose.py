@@ -15,7 +15,8 @@ from jaxfem.rows.attachments import SoftPoint
 from jaxfem.rows.candidates import Candidates, pairs_of
 from jaxfem.rows.contact import ShapeContacts
 from jaxfem.solvers import Status, describe
-from jaxfem.stepping.checks import StepError, typed
+from jaxfem.stepping.checks import StepError
+from jaxfem.stepping.entering import typed
 from jaxfem.stepping.values import wrong_numbers
 from jaxfem.system.coupled import configuration
 from jaxfem.system.holding import STILL, violation

@@ -128,7 +128,7 @@ class Model(Shaped):
     which joints tie, b where they are tied to soft bodies; None where nothing can strike. `drifting`: what nothing
     holds, None where there is no such soft body. `reshaped`: whether `rebuild` made it. `more_constants`: those beside
     the laws' and density, such as mass-proportional damping, of scenes or methods that have them. `load_units`: of the
-    values in `params.loads`.
+    values in `params.loads`. `outline`: structure and shapes of what params hold beside constants, as steps expect it.
     """
 
     rest: Array
@@ -162,6 +162,7 @@ class Model(Shaped):
     more_constants: tuple[Constant, ...] = static(default=())
     reshaped: bool = static(default=False)
     load_units: tuple[str, ...] = static(default=())
+    outline: Any = static(default=None)
 
     @property
     def constants(self) -> dict[str, Constant]:

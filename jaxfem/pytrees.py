@@ -34,6 +34,12 @@ class Pytree:
         return dataclasses.replace(self, **changes)
 
 
+def outline(tree: Any) -> tuple[Any, tuple[tuple[int, ...], ...]]:
+    """A tree's structure and the shapes of its leaves: hashable, without arrays."""
+    leaves, structure = jax.tree.flatten(tree)
+    return structure, tuple(map(jnp.shape, leaves))
+
+
 def is_key(leaf: Any) -> bool:
     """Whether an array, or the shape of one, holds JAX's random keys, which NumPy does not know."""
     return hasattr(leaf, "dtype") and bool(jnp.issubdtype(leaf.dtype, jax.dtypes.prng_key))

@@ -5,7 +5,7 @@ nothing only NaN is refused.
 """
 
 import dataclasses
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import jax
@@ -97,11 +97,18 @@ def ranged(value: Range | None) -> dict[str, Range | None]:
     return {"range": value}
 
 
-def ranges_of(tree: Any, where: str = "", given: Range | None = NOT_NAN) -> Iterator[tuple[str, Any, Range]]:
+def no_leaf(tree: Any) -> bool:
+    """That no tuple or list is one array."""
+    return False
+
+
+def ranges_of(
+    tree: Any, where: str = "", given: Range | None = NOT_NAN, is_leaf: Callable[[Any], bool] = no_leaf
+) -> Iterator[tuple[str, Any, Range]]:
     """(name, value, range) of all numbers in a tree of dataclasses, tuples and dictionaries; none of flags and keys.
 
     Names are those by which Python reaches them, `rigid.mass` or `joints["point rigid-world"].compliance`, behind
-    `where`. `given`: of numbers that declare none, found in a field that does.
+    `where`. `given`: of numbers that declare none, found in a field that does. `is_leaf`: of tuples that are one array.
     """
     if tree is None or given is None:
         return
@@ -109,12 +116,12 @@ def ranges_of(tree: Any, where: str = "", given: Range | None = NOT_NAN) -> Iter
         for field in dataclasses.fields(tree):
             if not field.metadata.get("static"):
                 name = f"{where}.{field.name}" if where else field.name
-                yield from ranges_of(getattr(tree, field.name), name, field.metadata.get("range", NOT_NAN))
+                yield from ranges_of(getattr(tree, field.name), name, field.metadata.get("range", NOT_NAN), is_leaf)
     elif isinstance(tree, Mapping):
         for key, value in tree.items():
-            yield from ranges_of(value, f'{where}["{key}"]', given)
-    elif isinstance(tree, tuple | list):
+            yield from ranges_of(value, f'{where}["{key}"]', given, is_leaf)
+    elif isinstance(tree, tuple | list) and not is_leaf(tree):
         for number, value in enumerate(tree):
-            yield from ranges_of(value, f"{where}[{number}]", given)
+            yield from ranges_of(value, f"{where}[{number}]", given, is_leaf)
     elif not is_key(tree) and getattr(tree, "dtype", None) != np.dtype(bool):
         yield where, tree, given

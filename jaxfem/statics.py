@@ -90,7 +90,7 @@ def equilibrium(model: Model, params: Params, state: State, *, forces: Any = Non
             "little by little in `step` or `rollout`, with damping, until it rests; materials without a memory, and "
             "those that relax to their stiffness, are served"
         )
-    params, state, forces = typed(model, params, state, forces)
+    params, state, forces = typed(model, params, state, forces, others=("forces",))
     check_call(model, params, state, 1.0, forces)
     found: tuple[State, StepInfo] = _equilibrium(model, params, state, forces)
     return found

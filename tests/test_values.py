@@ -194,6 +194,105 @@ def test_derivatives_do_not_see_the_looks(free):
     np.testing.assert_allclose(jax.grad(fall)(params.gravity), [0, 0, 1e-4], rtol=1e-12)
 
 
+def with_values(params, kind, word, **changes):
+    """Params with other values of the group of rows whose name has that word."""
+    groups = getattr(params, kind)
+    (label,) = [name for name in groups if word in name]
+    return params.replace(**{kind: {**groups, label: groups[label].replace(**changes)}})
+
+
+def moved(params, **changes):
+    (motion,) = params.rigid.motions
+    return params.replace(rigid=params.rigid.replace(motions=(motion.replace(**changes),)))
+
+
+WRONG = [
+    (
+        lambda p: with_values(p, "contacts", "plane", friction=0.3),
+        r'contacts\["rough .*"\].friction has shape \(\)',
+    ),
+    (lambda p: with_values(p, "contacts", "plane", friction=np.ones((1, 1))), r"friction has shape \(1, 1\)"),
+    (
+        lambda p: with_values(p, "contacts", "plane", separation=None),
+        "separation is None; give an array",
+    ),
+    (lambda p: with_values(p, "joints", "limit", low=np.zeros(2)), r'joints\["angle limit .*"\].low has shape \(2,\)'),
+    (lambda p: with_values(p, "joints", "limit", high=1j), r'joints\["angle limit .*"\].high is 1j; give a real'),
+    (lambda p: p.replace(contacts=dict.fromkeys(p.contacts)), r"params.contacts\[.* is None where .* a ContactValues"),
+    (lambda p: p.replace(joints={}), r"params.joints holds \[\]; the scene's groups are \['angle limit"),
+    (lambda p: p.replace(young="a"), "young is 'a'; give a real number"),
+    (lambda p: p.replace(young="1e5"), "young is '1e5'; give a real number"),
+    (lambda p: p.replace(young=None), "young is None; give one number, one for each of the 1 bodies"),
+    (lambda p: p.replace(young=np.array(1j)), "young is .*j.; give a real number"),
+    (lambda p: p.replace(young={"bar": 1e5}), "young is a dict; give one number, one"),
+    (lambda p: p.replace(young=jax.random.key(0)), "young is an array .*key.*; give a real number"),
+    (lambda p: p.replace(constants=None), "params hold the constants None; the scene's materials have"),
+    (lambda p: p.replace(gravity=(0, 0, "down")), r"gravity\[2\] is 'down'; give a real number"),
+    (lambda p: p.replace(gravity=None), "gravity is None; give three numbers"),
+    (lambda p: p.replace(loads=(None, p.loads[1])), r"loads\[0\] is None; give three numbers"),
+    (lambda p: p.replace(loads=(p.loads[0], np.zeros(3))), r"loads\[1\] has shape \(3,\); give one number"),
+    (lambda p: p.replace(loads=(np.zeros((5, 3)), p.loads[1])), r"loads\[0\] has shape \(5, 3\)"),
+    (lambda p: p.replace(loads=None), "params.loads is None; give a tuple of 2 values"),
+    (lambda p: p.replace(rigid=p.rigid.replace(mass=0.5)), r"rigid.mass has shape \(\); give three numbers"),
+    (lambda p: moved(p, velocity=1.0), r"rigid.motions\[0\].velocity has shape \(\); give three numbers"),
+    (lambda p: moved(p, frequency="fast"), r"rigid.motions\[0\].frequency is 'fast'; give a real number"),
+]
+
+
+@pytest.mark.parametrize(("change", "text"), WRONG)
+def test_what_has_another_shape_or_is_no_number_is_named_before_anything_is_compiled(everything, change, text):
+    (model, params, state), _ = everything
+    for call in (lambda p: jf.step(model, p, state, 1e-2), lambda p: jf.rollout(model, p, state, 1e-2, 2)):
+        with pytest.raises(jf.StepError, match=text):
+            call(change(params))
+
+
+def test_times_states_and_forces_that_are_no_numbers_are_named(free):
+    (model, params, state), _ = free
+    for change, text in (({"dt": "a"}, "dt is 'a'"), ({"forces": [["a"]]}, "forces is .*; give a real")):
+        with pytest.raises(jf.StepError, match=text):
+            jf.step(model, params, state, **{"dt": 1e-2, **change})
+    with pytest.raises(jf.StepError, match=r"state\.rigid\.velocities is 1j"):
+        jf.step(model, params, state.replace(rigid=state.rigid.replace(velocities=1j)), 1e-2)
+
+
+@pytest.mark.filterwarnings("error")
+def test_what_single_precision_cannot_hold_is_named_with_its_value():
+    body = jf.SoftBody(jf.mesh.box((0.1, 0.1, 0.1), 1), young=1e5, poisson=0.3, density=1e3, fixed="x-")
+    model, params, state = jf.build(jf.Scene([body]), dtype=np.float32)
+    for change, text in (
+        (
+            {"young": 1e39},
+            r"young is 1e\+39, more than float32 holds .3.4e\+38 .*: .*, or build with dtype =",
+        ),
+        ({"young": np.full(6, 1e39)}, "young is .*, more than float32 holds"),
+        ({"gravity": (0, 0, -1e300)}, r"gravity is \(0, 0, -1e\+300\), more than float32 holds"),
+        ({"young": 10**400}, "young is .*, more than float32 holds"),
+    ):
+        with pytest.raises(jf.StepError, match=text):
+            jf.step(model, params.replace(**change), state, 1e-2)
+    info = jf.step(model, params.replace(young=float("nan")), state, 1e-2)[1]
+    assert "young must be > 0 Pa" in describe(info.status)
+
+
+def test_shapes_that_serve_as_well_pass_in_lanes_too(everything):
+    """One force a node for one on all, values in a list, and lanes of values, whose shapes are those of one."""
+    (model, params, state), _ = everything
+    shared, pressure = params.loads
+    nodes = len(model.loads[0].nodes)
+    whole = jf.step(model, params, state, 1e-3)[0].positions
+    each = params.replace(loads=[jnp.tile(shared, (nodes, 1)), pressure])
+    np.testing.assert_allclose(jf.step(model, each, state, 1e-3)[0].positions, whole, atol=1e-14)
+    friction = jnp.asarray([[0.2], [0.3]])
+
+    def stepped(own):
+        return jf.step(model, with_values(params, "contacts", "plane", friction=own), state, 1e-3)[1].status
+
+    assert not jax.vmap(stepped)(friction).any()
+    with pytest.raises(jf.StepError, match=r"friction has shape \(\)"):
+        jax.vmap(stepped)(friction[:, 0])
+
+
 def test_names_are_those_of_python(everything):
     (_, params, _), _ = everything
     for name, value, _ in ranges_of(params):

@@ -26,7 +26,7 @@ from jaxfem.mesh.groups import body_groups
 from jaxfem.methods import Condensed, Facts, Method
 from jaxfem.model import Choice, Model, Params, State
 from jaxfem.motion import Motion
-from jaxfem.pytrees import on_device
+from jaxfem.pytrees import on_device, outline
 from jaxfem.schemes import Scheme, scheme_of
 from jaxfem.schemes.answers import scheme_flaw
 from jaxfem.system.carry import first_carry
@@ -95,7 +95,7 @@ def build(
     warn_of_unused(scene, every, model, params)
     warn_of_far(scene.bodies, every, dtype)
     warn_of_open(scene.joints)
-    model = model.replace(drifting=drifting_bodies(scene, every, model))
+    model = model.replace(drifting=drifting_bodies(scene, every, model), outline=outline(params.replace(constants={})))
     if flaw := scheme_flaw(made, dtype):
         raise SceneError(f'scheme "{made.name}", a {type(made).__name__}: {flaw}')
     state = state.replace(carry=first_carry(state, _points(bodies)))

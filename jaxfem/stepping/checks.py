@@ -1,56 +1,19 @@
-"""What `step`, `rollout` and their like refuse, and the dtype that their numbers get; on the host."""
+"""What `step`, `rollout` and their like refuse; on the host."""
 
-from functools import partial
 from typing import Any, get_args
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.model import Model, Params, State
+from jaxfem.stepping.errors import StepError as StepError
 from jaxfem.stepping.failure import OnFailure
+from jaxfem.stepping.outlines import check_outline
 
 Array = jax.Array
 MOST_HALVINGS = 10  # a thousandth of the step
-
-
-class StepError(ValueError):
-    """A call of `step` or `rollout` that cannot be right; the message says what to change."""
-
-
-def typed(model: Model, *values: Any) -> Any:
-    """Arrays of the model's dtype from whatever numbers a user put there, so that no two calls differ by type alone.
-
-    A list, or a tuple of plain numbers, is one array. What a state's method and materials remember keeps its structure,
-    and what is no floating-point number in it, as a flag, a count or a random key, its type.
-    """
-
-    if not isinstance(model, Model):
-        raise StepError(f"the first argument is a {type(model).__name__}; the order is (model, params, state)")
-
-    def one(leaf: Any) -> bool:
-        return isinstance(leaf, list) or (
-            isinstance(leaf, tuple) and len(leaf) > 0 and all(isinstance(number, int | float) for number in leaf)
-        )
-
-    dtype = model.rest.dtype
-
-    def cast(value: Any) -> Any:
-        if isinstance(value, State):  # what is remembered has types of its own: flags, counts, random keys
-            memory, internal = jax.tree.map(partial(_remembered, dtype), (value.memory, value.internal))
-            return cast_numbers(value.replace(memory=None, internal=None)).replace(memory=memory, internal=internal)
-        return cast_numbers(value)
-
-    def cast_numbers(value: Any) -> Any:
-        return jax.tree.map(lambda leaf: jnp.asarray(leaf, dtype), value, is_leaf=one)
-
-    return tuple(map(cast, values))
-
-
-def _remembered(dtype: Any, leaf: Any) -> Array:
-    """A leaf of what a method or a law remembers: of the `dtype` where it is a floating-point number, else as it is."""
-    array = jnp.asarray(leaf)
-    return jnp.asarray(array, dtype if jnp.issubdtype(array.dtype, jnp.floating) else array.dtype)
 
 
 def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any = None) -> None:
@@ -71,37 +34,18 @@ def check_call(model: Model, params: Params, state: State, dt: Any, forces: Any 
 
 def _check_params(model: Model, params: Params) -> None:
     elements, bodies = model.elements.count, len(model.bodies)
-    if set(params.constants) != set(model.constants):
-        held, wanted = sorted(params.constants), sorted(model.constants)
-        raise StepError(f"params hold the constants {held}; the scene's materials have {wanted}")
+    if not isinstance(params.constants, dict) or set(params.constants) != set(model.constants):
+        held = sorted(params.constants) if isinstance(params.constants, dict) else described(params.constants)
+        raise StepError(f"params hold the constants {held}; the scene's materials have {sorted(model.constants)}")
     for name, value in params.constants.items():
-        found = jnp.shape(value)
+        found = getattr(value, "shape", None)
         if found not in ((), (1,), (bodies,), (elements,)):
+            given = f"is {described(value)}" if found is None else f"has shape {found}"
             raise StepError(
-                f"{name} has shape {found}; give one number, one for each of the {bodies} bodies, or one for each of "
-                f"the {elements} elements"
+                f"{name} {given}; give one number, one for each of the {bodies} bodies, or one for each of the "
+                f"{elements} elements"
             )
-    _check_coupled(model, params)
-    if jnp.shape(params.gravity) != (3,):
-        raise StepError(f"gravity has shape {jnp.shape(params.gravity)}; give three numbers, like (0, 0, -9.81)")
-    for name, values, known in (("loads", params.loads, model.loads), ("motions", params.motions, model.driven)):
-        if len(values) != len(known):
-            raise StepError(f"params.{name} holds {len(values)} values; the scene declares {len(known)}")
-
-
-def _check_coupled(model: Model, params: Params) -> None:
-    if (model.rigid is None) != (params.rigid is None):
-        raise StepError(
-            "params.rigid and model.rigid belong together: use the params that build returned, with changes"
-        )
-    if model.rigid is not None and params.rigid is not None:
-        found, count = jnp.shape(params.rigid.mass), model.rigid.count
-        if found != (count,):
-            raise StepError(f"rigid.mass has shape {found}; give one mass for each of the {count} bodies")
-    for kind in ("joints", "contacts"):
-        given, known = set(getattr(params, kind)), set(getattr(model, kind))
-        if given != known:
-            raise StepError(f"params.{kind} holds {sorted(given)}; the scene's groups are {sorted(known)}")
+    check_outline(model, params)
 
 
 def check_rollout(steps: int, every: int, checkpoint: int | None) -> None:

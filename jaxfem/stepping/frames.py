@@ -11,7 +11,8 @@ from jaxfem.energies import energies
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree
 from jaxfem.stepping.begin import begun
-from jaxfem.stepping.checks import check_call, check_rollout, typed
+from jaxfem.stepping.checks import check_call, check_rollout
+from jaxfem.stepping.entering import typed
 from jaxfem.stepping.step import cached, joined, one_step, one_that_ends
 from jaxfem.stepping.values import value_status
 from jaxfem.tensors import contract

@@ -5,7 +5,8 @@ from typing import Any, Literal, get_args
 import jax
 
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping.checks import StepError, check_call, typed
+from jaxfem.stepping.checks import StepError, check_call
+from jaxfem.stepping.entering import typed
 from jaxfem.system.memory import memory_at
 
 Start = Literal["relaxed", "instantaneous"]

@@ -9,7 +9,8 @@ import jax.numpy as jnp
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.solvers.differentiation import recomputed
 from jaxfem.stepping.begin import begun
-from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies, typed
+from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies
+from jaxfem.stepping.entering import typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
 from jaxfem.stepping.taken import check_memory, step_taken
 from jaxfem.stepping.values import force_status, judged, value_status
@@ -23,7 +24,8 @@ def step(model: Model, params: Params, state: State, dt: Any, *, forces: Any = N
     `forces` (n, 3) [N]: extra nodal forces, held over the step. Differentiable (jvp, vjp, nested) in params, state, dt
     and forces; vmappable. `info.status` is 0 when the solve converged: see `jaxfem.solvers.describe`. A number that
     cannot be (in `params`, the state, dt or forces) is named by it, and a state that is not finite never has status 0.
-    Raises StepError for dt <= 0 or wrong shapes. Source: Benevolensky & Voroshilov 2009.
+    Raises StepError for dt <= 0, wrong shapes, and what is no number or none that the precision holds.
+    Source: Benevolensky & Voroshilov 2009.
     """
     params, state, dt_, forces = typed(model, params, state, dt, forces)
     check_call(model, params, state, dt, forces)
@@ -51,7 +53,7 @@ def prepare(model: Model, params: Params, state: State, dt: Any, *, frequencies:
     params, state, dt_ = typed(model, params, state, dt)
     check_call(model, params, state, dt)
     if frequencies is not None:
-        (known,) = typed(model, checked_frequencies(frequencies))
+        (known,) = typed(model, checked_frequencies(frequencies), others=("frequencies",))
         model = model.replace(frequencies=known)
     return model.replace(cache=_prepared(model, params, state, dt_))
 

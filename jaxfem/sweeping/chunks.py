@@ -10,7 +10,8 @@ import jax
 import numpy as np
 
 from jaxfem.model import Model, Params, State
-from jaxfem.stepping.checks import check_call, check_rollout, typed
+from jaxfem.stepping.checks import check_call, check_rollout
+from jaxfem.stepping.entering import typed
 from jaxfem.sweeping.derivatives import flagged, floating
 from jaxfem.sweeping.engines import ENGINES, Engine, Task
 from jaxfem.sweeping.errors import SweepError

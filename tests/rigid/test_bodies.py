@@ -150,7 +150,7 @@ def test_what_does_not_go_together_is_refused():
 
 def test_wrong_params_are_refused():
     model, params, state = jf.build(jf.Scene([jf.RigidBody(jf.Sphere(0.1), mass=1.0)]))
-    with pytest.raises(jf.StepError, match="one mass for each of the 1 bodies"):
+    with pytest.raises(jf.StepError, match=r"rigid.mass has shape .*; give an array of shape \(1,\)"):
         jf.step(model, params.replace(rigid=params.rigid.replace(mass=jnp.ones(3))), state, 1e-2)
     with pytest.raises(jf.StepError, match="comes to rest by steps"):
         jf.equilibrium(model, params, state)
