@@ -27,6 +27,10 @@ OPEN = 1e-3  # of the scene's size (or rad): a joint that is further apart than 
 DEEP = 1e-2  # of the scene's size: contacts that strike are pushed out over some steps, so a little is usual
 
 
+LANE = "of a batch, give one lane: jax.tree.map(lambda leaf: leaf[0], states)"
+"""What to do with lanes."""
+
+
 class Finding(NamedTuple):
     """One thing to look at: `kind` ("invalid", "not finite", "inverted", "fastest", "open", "deep", "inside"), the
     declared `name` of the body, joint, contact or parameter, the `amount` (the value, nodes or bodies, elements, m/s,
@@ -63,9 +67,9 @@ def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diag
 
     `info` and `state` are those of one step, or both of a run, with a leading axis of its saved steps; a run's `info`
     may also come with its last state alone. Bodies are looked at in the first bad state, joints and contacts in the
-    last one that is finite. StepError for a batch: look at one lane at a time.
+    last one that is finite. StepError for a batch, of runs or of single steps: look at one lane at a time.
     """
-    status, states = _along_time(model, state, info)
+    status, states = _along_time(model, params, state, info)
     params, *states = typed(model, params, *states)
     finite = [all(np.isfinite(each).all() for each in _moving(one)) for one in states]
     alone = len(states) == 1 and len(status) > 1
@@ -89,21 +93,34 @@ def diagnose(model: Model, params: Params, state: State, info: StepInfo) -> Diag
     return Diagnosis(ok, None if step is None else step + 1, Status(code), tuple(findings), text)
 
 
-def _along_time(model: Model, state: State, info: StepInfo) -> tuple[np.ndarray, list[State]]:
+def _along_time(model: Model, params: Params, state: State, info: StepInfo) -> tuple[np.ndarray, list[State]]:
     """Status of each step (T,), and the states: as many, or the last one alone."""
-    if not isinstance(model, Model) or not isinstance(state, State) or not isinstance(info, StepInfo):
-        given = ", ".join(type(each).__name__ for each in (model, state, info))
+    given_as = ((model, Model), (params, Params), (state, State), (info, StepInfo))
+    if not all(isinstance(each, kind) for each, kind in given_as):
+        given = ", ".join(type(each).__name__ for each, _ in given_as)
         raise StepError(f"got ({given}); the order is (model, params, state, info)")
     status, places = np.asarray(info.status), np.asarray(state.positions)
     if status.ndim > 1 or places.ndim not in (2, 3) or (places.ndim == 3 and len(places) != status.size):
         raise StepError(
             f"info.status has shape {status.shape} and state.positions {places.shape}: give one step's, or one run's "
-            "with its steps along the leading axis; of a batch, one lane: jax.tree.map(lambda leaf: leaf[0], states)"
+            f"with its steps along the leading axis; {LANE}"
+        )
+    if places.ndim == 3 and _stands_still(state, status):
+        raise StepError(
+            f"steps that converged are at one time, {np.min(state.time):.6g} s, as those of a run are not: {LANE}"
         )
     if places.ndim == 2:
         return np.atleast_1d(status), [state]
     host = on_host(state)
     return np.atleast_1d(status), [jax.tree.map(lambda leaf, at=at: leaf[at], host) for at in range(len(places))]
+
+
+def _stands_still(states: State, status: np.ndarray) -> bool:
+    """Whether time does not go on from one state to the next, though one of both converged: so it is with lanes of a
+    batch. A run that stopped repeats its last state, with the status for which it did."""
+    times, dropped = (np.asarray(each) for each in (states.time, 0 if states.carry is None else states.carry.time))
+    same = (np.diff(times) <= 0) & (np.diff(np.broadcast_to(dropped, times.shape)) == 0)
+    return bool((same & ((status[:-1] == 0) | (status[1:] == 0))).any())
 
 
 def _moving(state: State) -> list[np.ndarray]:

@@ -8,6 +8,17 @@ import pytest
 import jaxfem as jf
 
 STEPS = 5
+FALLING = [
+    jf.SoftBody(
+        jf.mesh.box((0.2, 0.1, 0.1), (2, 1, 1)).translated((0, 0, z)),
+        young=1e5,
+        poisson=0.3,
+        density=1e3,
+        name=name,
+        fixed="x-",
+    )
+    for z, name in ((0, "lower"), (1, "upper"))
+]
 
 
 @pytest.fixture(scope="module")
@@ -31,12 +42,7 @@ def hanging():
 @pytest.fixture(scope="module")
 def soft():
     """Two soft boxes, one above the other, that nothing ties."""
-    mesh = jf.mesh.box((0.2, 0.1, 0.1), (2, 1, 1))
-    bodies = [
-        jf.SoftBody(mesh.translated((0, 0, z)), young=1e5, poisson=0.3, density=1e3, name=name, fixed="x-")
-        for z, name in ((0, "lower"), (1, "upper"))
-    ]
-    return jf.build(jf.Scene(bodies))
+    return jf.build(jf.Scene(FALLING))
 
 
 def told(status=0, iterations=3):
@@ -150,5 +156,31 @@ def test_what_it_does_not_take(hanging):
     with pytest.raises(jf.StepError, match="the order is"):
         jf.diagnose(model, params, told(), state)
     batch = jax.tree.map(lambda leaf: jnp.stack([leaf, leaf]), (states, infos))
-    with pytest.raises(jf.StepError, match="of a batch, one lane"):
+    with pytest.raises(jf.StepError, match="of a batch, give one lane"):
         jf.diagnose(model, params, *batch)
+    for wrong in (None, params.constants):
+        with pytest.raises(
+            jf.StepError, match=rf"got \(Model, {type(wrong).__name__}, State, StepInfo\); the order is"
+        ):
+            jf.diagnose(model, wrong, states, infos)
+
+
+@pytest.mark.parametrize("dtype", [np.float32, np.float64])
+def test_lanes_of_single_steps_are_no_run(soft, dtype):
+    model, params, state = soft if dtype == np.float64 else jf.build(jf.Scene(FALLING), dtype=dtype)
+    heavier = jnp.asarray([[0, 0, -1.0], [0, 0, -2.0], [0, 0, -3.0]], dtype)
+    lanes = jax.vmap(lambda gravity: jf.step(model, params.replace(gravity=gravity), state, 1e-2))(heavier)
+    some = lanes[0], lanes[1].replace(status=jnp.asarray([3, 0, 3]))
+    for batch in (lanes, some):
+        with pytest.raises(jf.StepError, match=r"are at one time, 0.01 s, .*: of a batch, give one lane"):
+            jf.diagnose(model, params, *batch)
+    assert jf.diagnose(model, params, *at(1, lanes)).ok
+    late = state.replace(time=jnp.asarray(1e3, dtype))  # where single precision drops such steps from the time
+    assert jf.diagnose(model, params, *jf.rollout(model, params, late, 1e-5, 3)).step is None
+
+
+def test_a_run_that_stopped_repeats_its_last_state(soft):
+    model, params, state = soft
+    forces = jnp.zeros((4, *model.rest.shape)).at[1].set(jnp.nan)
+    found = jf.diagnose(model, params, *jf.rollout(model, params, state, 1e-2, 4, forces=forces, on_failure="stop"))
+    assert found.step == 2
