@@ -2,10 +2,11 @@
 
 A wrong answer would otherwise come to light in the middle of a trace, in words of JAX, or be spread over what it does
 not fit. Only shapes and types are looked at: nothing is computed. What such a function raises is its own, and left.
+What a class says of itself, flags and words, is looked at by what is `Wanted` where it is defined.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -44,7 +45,7 @@ def described(value: Any) -> str:
     if isinstance(value, jax.Array | np.ndarray | np.generic | jax.ShapeDtypeStruct):
         return f"an array of shape {jnp.shape(value)} and type {value.dtype}"
     if isinstance(value, tuple | list) and not hasattr(value, "_fields"):
-        return f"({', '.join(described(each) for each in value)})"
+        return f"({', '.join(described(each) for each in value)}{',' * (isinstance(value, tuple) and len(value) == 1)})"
     return f"a {type(value).__name__}"
 
 
@@ -55,6 +56,16 @@ def is_array(value: Any, shapes: Sequence[Shape], dtype: Any) -> bool:
     kind = jax.dtypes.canonicalize_dtype(jnp.result_type(value))
     real = jnp.issubdtype(kind, jnp.integer) or jnp.issubdtype(kind, jnp.floating)
     return bool(real) and jnp.shape(value) in shapes and jnp.result_type(value, jnp.zeros((), dtype)) == dtype
+
+
+def is_exact(value: Any, shapes: Sequence[Shape], dtype: Any) -> bool:
+    """Whether a value is such an array, of the precision of `dtype` itself: what has a derivative, and all digits.
+
+    Numbers of Python, and what is made of them alone, have no precision of their own.
+    """
+    if not is_array(value, shapes, dtype) or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
+        return False
+    return type(value) is float or bool(getattr(value, "weak_type", False)) or jnp.result_type(value) == dtype
 
 
 def structure(tree: Any) -> Any:
@@ -86,9 +97,82 @@ def odd_leaf(tree: Any) -> tuple[str, Any] | None:
 
 def odd_entry(given: Any, shapes: Sequence[Shape], dtype: Any) -> tuple[str, Any] | None:
     """The first entry of a mapping that is no word for such an array, or what is no mapping; None where all are."""
+    return _odd(given, lambda value: is_array(value, shapes, dtype))
+
+
+def odd_pair(given: Any, second: type) -> tuple[str, Any] | None:
+    """The same where each word stands for two values, of which the last is a `second`."""
+    return _odd(given, lambda pair: isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[1], second))
+
+
+def odd_fields(given: Any, known: Sequence[str]) -> tuple[str, Any] | None:
+    """The same where each word stands for a mapping of fields that are `known`."""
+    return _odd(given, lambda fixed: isinstance(fixed, Mapping) and {*fixed} <= {*known})
+
+
+def _odd(given: Any, good: Callable[[Any], bool]) -> tuple[str, Any] | None:
     if not isinstance(given, Mapping):
         return "", given
     for word, value in given.items():
-        if not isinstance(word, str) or not is_array(value, shapes, dtype):
+        if not isinstance(word, str) or not good(value):
             return f"[{word!r}]", value
     return None
+
+
+def numbers(given: Any) -> np.ndarray | None:
+    """Real numbers as an array of double precision; None for what is none."""
+    try:
+        array = np.asarray(given)
+        return array.astype(float) if array.dtype.kind in "biuf" else None
+    except (TypeError, ValueError):  # rows of several lengths
+        return None
+
+
+def texts(given: Any) -> list[str] | None:
+    """The texts that it holds or yields; None for what is no list of such."""
+    if isinstance(given, str) or not isinstance(given, Iterable):
+        return None
+    found = list(given)
+    return found if all(isinstance(each, str) for each in found) else None
+
+
+class Wanted(NamedTuple):
+    """What a value has to be: in words, and whether one is."""
+
+    words: str
+    good: Callable[[Any], bool]
+
+
+def flaw_of(given: Any, kinds: Mapping[str, Wanted]) -> str:
+    """What is wrong with the first attribute of `given` that is not of its kind, in words; empty where all are.
+
+    What a class finds out for each of its objects, by a property, is theirs to say.
+    """
+    for name, kind in kinds.items():
+        value = getattr(given, name)
+        if not isinstance(value, property) and not kind.good(value):
+            return f"{name} = {described(value)}: give {kind.words}"
+    return ""
+
+
+def is_number(value: Any) -> bool:
+    """Whether it is one real number of Python's or NumPy's."""
+    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+
+
+def _single(value: Any, *types: Any) -> bool:
+    known = isinstance(value, int | float | jax.Array | np.ndarray | np.generic) and jnp.shape(value) == ()
+    return known and any(jnp.issubdtype(jnp.result_type(value), each) for each in types)
+
+
+def _is_interval(value: Any) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)) and bool(value[0] < value[1])
+
+
+FLAG = Wanted("True or False", lambda value: isinstance(value, bool))
+TEXT = Wanted("a text", lambda value: isinstance(value, str))
+NUMBER = Wanted("a number", is_number)
+WHOLE = Wanted("an integer", lambda value: isinstance(value, int) and not isinstance(value, bool))
+INTERVAL = Wanted("two numbers, the lower one first", _is_interval)
+COUNT = Wanted("one integer ()", lambda value: _single(value, jnp.integer))
+REAL = Wanted("one real number ()", lambda value: _single(value, jnp.integer, jnp.floating))

@@ -25,7 +25,10 @@ class Registry(Generic[T]):
         self._kinds: dict[str, Kind[T]] = {}
 
     def add(self, word: str, made: type[T], **fixed: Any) -> None:
-        """Enter a class under a word. TypeError where another class has it; the same one defined again replaces it."""
+        """Enter a class under a word. TypeError where another class has it, or where it is no text; the same one
+        defined again replaces it."""
+        if not isinstance(word, str) or not word:
+            raise TypeError(f"{_place(made)} calls itself {self.what} {word!r}: give a word, a text that is not empty")
         known = self._kinds.get(word)
         if known is not None and _place(known.made) != _place(made):
             raise TypeError(

@@ -10,12 +10,13 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import STATIC, asked, described, hashable, is_array, structure
+from jaxfem.answers import STATIC, asked, described, hashable, is_array, odd_pair, structure
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
 from jaxfem.materials.quantities import quantities_of
 from jaxfem.model import Model, Params
+from jaxfem.ranges import Range
 from jaxfem.rows.attachments import Configuration
 from jaxfem.rows.locks import JointRows
 from jaxfem.rows.points import PointRows
@@ -31,6 +32,8 @@ def checked_parts(joint: Joint, index: BodyIndex, where: str) -> list[Part]:
     if not isinstance(found, Iterable):
         raise SceneError(f"{where}: `parts` gives {described(found)}; it must yield a Part(word, rows, values) a time")
     parts = list(found)
+    if not parts:
+        raise SceneError(f"{where}: `parts` yields nothing; it must yield a Part for each kind of its rows")
     for part in parts:
         if not isinstance(part, Part):
             raise SceneError(f"{where}: `parts` yields {described(part)}; it must yield a Part(word, rows, values)")
@@ -69,6 +72,12 @@ def signature(part: Part) -> Any:
 def check_leaves(parts: Iterable[tuple[str, Part]]) -> None:
     """SceneError where the rows or values of (joint, part) hold what is no array, like a text."""
     for name, part in parts:
+        needed = [] if part.rows.valued is None else [each.name for each in dataclasses.fields(part.rows.valued)]
+        if not all(hasattr(part.values, each) for each in needed):
+            raise SceneError(
+                f'the values of "{part.word}" of joint "{name}" are {described(part.values)}; a '
+                f"{type(part.rows).__name__} takes a {part.rows.valued.__name__}, with {', '.join(needed)}"
+            )
         for what, (known, wanted) in LEAVES.items():
             for path, leaf in jax.tree_util.tree_flatten_with_path(getattr(part, what))[0]:
                 if np.asarray(leaf).dtype.kind not in known:
@@ -151,6 +160,11 @@ def _rows_flaw(kind: Any, shapes: tuple[Any, ...], count: int, nodes: int, bodie
     at = Configuration(array(nodes, 3), array(bodies, 3), array(bodies, 3, 3))
     stage = Stage(at.nodes, None, None, at.nodes, array(), array(), array())
 
+    def ranged(found: Any) -> str:
+        odd = odd_pair(found, Range)
+        wanted = "a mapping of words to numbers (m,) and their Range"
+        return "" if odd is None else f"`combined`{odd[0]} gives {described(odd[1])}; it must give {wanted}"
+
     def look(found: Any) -> str:
         if not isinstance(found, PointRows):
             return f"`rows` gives {described(found)}; it must give PointRows"
@@ -169,4 +183,5 @@ def _rows_flaw(kind: Any, shapes: tuple[Any, ...], count: int, nodes: int, bodie
             return f"`rows` gives unknowns = {found.unknowns}; they are `at.unknowns`, {nodes + 2 * bodies} here"
         return ""
 
-    return asked(look, lambda own, *given: own.rows(*given), group, at, values, stage)
+    flaw = asked(look, lambda own, *given: own.rows(*given), group, at, values, stage)
+    return flaw or asked(ranged, lambda own, own_values: own.combined(own_values), group, values)

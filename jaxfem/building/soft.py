@@ -9,6 +9,7 @@ import numpy as np
 
 from jaxfem.building.own_constants import taken_names
 from jaxfem.declared.errors import AccuracyWarning as AccuracyWarning
+from jaxfem.declared.errors import told
 from jaxfem.declared.scene import SceneError, SoftBody
 from jaxfem.elements.domains import Domains
 from jaxfem.elements.smoothing import build_domains
@@ -41,7 +42,7 @@ def check_body(body: SoftBody, name: str) -> None:
         )
     for trouble in (*body.mesh.notes, *troubles(body.mesh)):
         warnings.warn(f'mesh of "{name}": {trouble}', MeshWarning, stacklevel=4)
-    for doubt in body.made_of.doubts():
+    for doubt in told(body.made_of, "doubts", f'the material of "{name}"'):
         warnings.warn(f'"{name}", of {type(body.made_of).__name__}, {doubt}', AccuracyWarning, stacklevel=4)
     values: Any = {key: np.asarray(value, float) for key, value in body.made_of.values.items()}
     poisson = float(np.max(ratio_and_modulus(*body.made_of.stiffness(values))[0]))

@@ -8,9 +8,11 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import described, odd_pair
 from jaxfem.batching import one_program
 from jaxfem.building.bodies import BodyIndex
-from jaxfem.declared import RigidBody
+from jaxfem.declared import RigidBody, SceneError
+from jaxfem.declared.errors import told
 from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.loads import ResolvedLoad
 from jaxfem.model import Model, Params
@@ -25,7 +27,8 @@ def warn_of_unused(scene: Scene, names: Sequence[str], model: Model, params: Par
     rigid = [name for name, body in zip(names, scene.bodies, strict=True) if isinstance(body, RigidBody)]
     found = [*_of_rigid(scene.rigid, rigid), *_of_soft(scene.soft, model), *_of_pairs(scene, rigid, model)]
     found += [*_of_joints(model, params)]
-    found += [f'"{each.label}" has {words}' for each in (*scene.joints, *scene.contacts) for words in each.unused()]
+    for each in (*scene.joints, *scene.contacts):
+        found += [f'"{each.label}" has {words}' for words in told(each, "unused", f'"{each.label}"')]
     for said in dict.fromkeys(found):
         warnings.warn(f"{said}: that changes nothing", UnusedWarning, stacklevel=3)
 
@@ -85,7 +88,13 @@ def _of_joints(model: Model, params: Params) -> Iterator[str]:
     """Numbers of joints that the others make of no use."""
     for label, group in model.joints.items():
         on_host = jax.tree.map(np.asarray, params.joints[label])
-        for field, (where, why) in group.idle(on_host).items():
+        idle = group.idle(on_host)
+        if (odd := odd_pair(idle, str)) is not None:
+            raise SceneError(
+                f'`idle`{odd[0]} of the rows "{label}" gives {described(odd[1])}; it must give a mapping of fields to '
+                "which of the joints (m,) have such, and why, in words"
+            )
+        for field, (where, why) in idle.items():
             names = [name for name, one in zip(group.names, np.asarray(where), strict=True) if one]
             for name in names:
                 yield f'{field} of joint "{name}" (rows "{label}"), {why}'

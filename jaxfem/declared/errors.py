@@ -7,6 +7,8 @@ from typing import Any
 import jax
 import numpy as np
 
+from jaxfem.answers import described, texts
+
 
 class AccuracyWarning(UserWarning):
     """The scene will run, but its discretisation is known to be biased there."""
@@ -34,6 +36,17 @@ def refuse_traced(declared: Any, kind: str | None = None) -> None:
                 "places of nodes at rest: jaxfem.rebuild(model, rest) "
                 "(docs/derivatives.md)"
             )
+
+
+def told(given: Any, hook: str, whose: str) -> list[str]:
+    """The sentences that a kind's `hook` answers; SceneError for what is no list of them."""
+    answer: Any = getattr(given, hook)()
+    found = texts(answer)
+    if found is None:
+        raise SceneError(
+            f"`{hook}` of {whose}, {type(given).__name__}, gives {described(answer)}; it must give a list of texts"
+        )
+    return found
 
 
 def checked_vector(what: str, value: Any, length: int = 3) -> np.ndarray:

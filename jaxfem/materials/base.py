@@ -7,6 +7,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import FLAG, described, flaw_of, odd_pair
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.ranges import Range
 from jaxfem.registry import Registry
@@ -54,7 +55,10 @@ class Material:
             return  # a class that others share code through
         if cls.stiffness is Material.stiffness:
             raise TypeError(f'the material law "{word}" ({cls.__name__}) has no `stiffness`: define it')
-        _check_declared(f'the material law "{word}" ({cls.__name__})', cls.constants, cls.options)
+        law = f'the material law "{word}" ({cls.__name__})'
+        _check_declared(law, cls.constants, cls.options)
+        if flaw := flaw_of(cls, {"linear": FLAG, "relaxes": FLAG}):
+            raise TypeError(f"{law} has {flaw}")
         names = [each.name for each in cls.constants]
         twice = (
             {name for name in names if names.count(name) > 1} | {*names} & {*cls.options} | {"values"} & {*cls.options}
@@ -71,6 +75,7 @@ class Material:
                 _, kind = _OPTIONS[type(self.options[name])]
                 raise MaterialError(f"{name} of {type(self).__name__} is {value!r}: give {kind}")
         constants = self.constants_of(options)
+        _check_declared(f"{type(self).__name__}, by its `constants_of`,", constants, {})
         names = [each.name for each in constants]
         for name in given:
             if name not in names and name not in self.options:
@@ -92,6 +97,11 @@ class Material:
             found = self.combined(known)
         except (TypeError, ValueError):
             return
+        if (odd := odd_pair(found, Range)) is not None:
+            raise TypeError(
+                f"`combined`{odd[0]} of {type(self).__name__} gives {described(odd[1])}: it must give a mapping of "
+                "words to a value and its Range"
+            )
         for name, (value, allowed) in found.items():
             if np.any(np.isfinite(value) & np.asarray(allowed.wrong(value))):
                 raise MaterialError(f"{name} {allowed.text}")

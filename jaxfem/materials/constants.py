@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import FLAG, INTERVAL, NUMBER, TEXT, Wanted, flaw_of, is_number
 from jaxfem.ranges import Range
 
 Array = jax.Array
@@ -137,6 +138,8 @@ class Constant:
 
     def __post_init__(self) -> None:
         self._check_name()
+        if flaw := flaw_of(self, DECLARED):
+            raise TypeError(f"the constant {self.name!r} has {flaw}")
         if not self.low < self.high:
             raise TypeError(f"{self.name} must lie between {self.low:g} and {self.high:g}: give low < high")
         if self.default is not None and not self._inside(np.asarray(self.default)):
@@ -147,7 +150,8 @@ class Constant:
             )
 
     def _check_name(self) -> None:
-        if not self.name.isidentifier() or self.name.startswith("_") or keyword.iskeyword(self.name):
+        plain = isinstance(self.name, str) and self.name.isidentifier()
+        if not plain or self.name.startswith("_") or keyword.iskeyword(self.name):
             raise TypeError(f"a constant is named {self.name!r}; its name must be a plain Python name, like 'young'")
 
     @property
@@ -200,6 +204,21 @@ class Constant:
             )
         return array
 
+
+def _is_doubt(value: Any) -> bool:
+    return isinstance(value, tuple) and len(value) == 2 and is_number(value[0]) and isinstance(value[1], str)
+
+
+DECLARED = {
+    **dict.fromkeys(("unit", "advice", "label"), TEXT),
+    **dict.fromkeys(("low", "high"), NUMBER),
+    **dict.fromkeys(("plausible", "bounds"), INTERVAL),
+    **dict.fromkeys(("closed", "absolute", "stiffness", "viscous", "limit"), FLAG),
+    "default": Wanted("a number, or None where a value must be given", lambda v: v is None or is_number(v)),
+    "transform": Wanted("a Transform, like Logarithm() or Identity()", lambda v: isinstance(v, Transform)),
+    "doubt": Wanted("a number and a text, or None", lambda v: v is None or _is_doubt(v)),
+}
+"""What a constant says of itself."""
 
 DENSITY = Constant(
     "density", "kg/m^3", "must be > 0 kg/m^3 (water: 1000)", label="density", low=0.0, plausible=(1e-1, 1e5)

@@ -14,6 +14,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 import jax
 
+from jaxfem.answers import FLAG, flaw_of
 from jaxfem.elements.mass import MassKind
 from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.constants import Constant
@@ -107,10 +108,13 @@ class Method(abc.ABC):
         del cls.__setattr__, cls.__delattr__  # those below; a decorator of the class's own makes its own, but once
         if {"step", "solve"} & {*cls.__dict__}:
             cls.as_it_is = cls.__dict__.get("as_it_is", False)
-        if not isinstance(cls.__dict__.get("name"), str):  # abstract, or a wrapper that has its inner method's
+        name = cls.__dict__.get("name")
+        if name is None or hasattr(name, "__get__"):  # abstract, or a wrapper that has its inner method's
             return
         if cls.name == AUTO:
             raise TypeError(f'{cls.__name__} calls itself "{AUTO}", which stands for the choice between methods')
+        if flaw := flaw_of(cls, {"nonlinear": FLAG, "as_it_is": FLAG}):
+            raise TypeError(f"{cls.__name__} has {flaw}")
         METHODS.add(cls.name, cls)
 
     def __setattr__(self, name: str, value: Any) -> None:

@@ -5,7 +5,7 @@ Each coordinate has a value s (m,) and a rate J v, J (m, 1, 3 k). Bounded rows a
 
 import math
 from dataclasses import field
-from typing import Any, Protocol
+from typing import Any, ClassVar, Protocol
 
 import jax
 import jax.numpy as jnp
@@ -134,6 +134,7 @@ class LengthValues(Pytree):
 class Distance(CoordinateRows):
     """The coordinate is held at its length; a `rope` only pulls, when it is longer."""
 
+    valued: ClassVar[Any] = LengthValues
     rope: bool = static(default=False)
 
     @property
@@ -176,6 +177,8 @@ UNCROSSED = Range(low=0, infinite=True, advice="must not be negative: these limi
 
 class Limit(CoordinateRows):
     """The coordinate stays between its limits: one row for each, pushing only inwards."""
+
+    valued: ClassVar[Any] = LimitValues
 
     @property
     def one_sided(self) -> bool:
@@ -240,6 +243,7 @@ class Drive(CoordinateRows):
     `around`: an angle goes to its target the short way round, else never through a half turn.
     """
 
+    valued: ClassVar[Any] = DriveValues
     position: bool = static(default=False)
     around: bool = static(default=False)
 

@@ -10,7 +10,7 @@ taken back within the step (Baumgarte 1972 with the whole gap a step).
 
 import math
 from dataclasses import field
-from typing import Any, Protocol, Self, runtime_checkable
+from typing import Any, ClassVar, Protocol, Self, runtime_checkable
 
 import jax
 import jax.numpy as jnp
@@ -53,6 +53,13 @@ class JointRows(Pytree):
     """
 
     names: tuple[str, ...] = static(default=(), kw_only=True)
+    valued: ClassVar[Any] = None
+    """The class whose fields their values have, None where nothing is asked of them; who defines `rows` says it."""
+
+    def __init_subclass__(cls, **kwargs: Any) -> None:
+        super().__init_subclass__(**kwargs)
+        if "rows" in cls.__dict__:
+            cls.valued = cls.__dict__.get("valued")
 
     @property
     def kind(self) -> str:
@@ -128,6 +135,7 @@ def spring_rows(
 class PointLock(JointRows):
     """Points `a` and `b` coincide: three rows along the world axes, impulses on b."""
 
+    valued: ClassVar[Any] = Softness
     a: Point
     b: Point
 
@@ -156,6 +164,7 @@ class PointLock(JointRows):
 class LineLock(JointRows):
     """Point `b` stays on the line through `a` along the third axis of `frame`: two rows along the other axes."""
 
+    valued: ClassVar[Any] = Softness
     a: Point
     b: Point
     frame: Frame
@@ -176,6 +185,7 @@ class FrameLock(JointRows):
     With 3 all axes stay aligned; with 2 the third ones do, about which b turns freely.
     """
 
+    valued: ClassVar[Any] = Softness
     a: Frame
     b: Frame
     held: int = static(default=3)

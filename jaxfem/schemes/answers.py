@@ -7,14 +7,14 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.answers import STATIC, asked, described, hashable, is_array
+from jaxfem.answers import STATIC, asked, described, hashable, is_array, is_exact
 from jaxfem.pytrees import Pytree
 from jaxfem.schemes.base import Scheme, Stage
 
 COUNT = 7
 """Nodes that a scheme is asked about."""
 FIELD = (COUNT, 3)
-NUMBERS = [(), (1,), (COUNT, 1)]
+NUMBERS = [(), (COUNT, 1)]
 
 
 class Nodes(Pytree):
@@ -46,9 +46,9 @@ def _flaws(scheme: Any, dtype: Any) -> Iterator[str]:
 
     def begun(found: Any) -> str:
         carries.append(found is not None)
-        if found is None or is_array(found, [FIELD], dtype):
+        if found is None or is_exact(found, [FIELD], dtype):
             return ""
-        return f"`begin` gives {described(found)}: it must give accelerations (n, 3), or None"
+        return f"`begin` gives {described(found)}: it must give accelerations (n, 3) of the type {dtype}, or None"
 
     def staged(found: Any) -> str:
         if not isinstance(found, Stage):
@@ -56,11 +56,12 @@ def _flaws(scheme: Any, dtype: Any) -> Iterator[str]:
         return next((flaw for flaw in _stage_flaws(found, dtype) if flaw), "")
 
     def advanced(found: Any) -> str:
-        pair = isinstance(found, tuple) and len(found) == 2 and is_array(found[0], [FIELD], dtype)
-        if pair and (is_array(found[1], [FIELD], dtype) if carries[0] else found[1] is None):
+        pair = isinstance(found, tuple) and len(found) == 2 and is_exact(found[0], [FIELD], dtype)
+        if pair and (is_exact(found[1], [FIELD], dtype) if carries[0] else found[1] is None):
             return ""
         second = "accelerations (n, 3), as `begin` does" if carries[0] else "None, as `begin` does"
-        return f"`advance` gives {described(found)}: it must give two values, positions (n, 3) and {second}"
+        wanted = f"two values, positions (n, 3) and {second}, of the type {dtype}"
+        return f"`advance` gives {described(found)}: it must give {wanted}"
 
     yield asked(begun, lambda s, x: s.begin(Nodes(x, x, None), lambda: x), scheme, field)
     first = Nodes(field, field, field if carries[0] else None)
@@ -71,8 +72,8 @@ def _flaws(scheme: Any, dtype: Any) -> Iterator[str]:
 def _stage_flaws(stage: Stage, dtype: Any) -> Iterator[str]:
     for name in ("base", "ahead", "before", "start"):
         value, optional = getattr(stage, name), name in ("ahead", "before")
-        if not (is_array(value, [FIELD], dtype) or (optional and value is None)):
-            wanted = "(n, 3)" + (" or None" if optional else "")
+        if not (is_exact(value, [FIELD], dtype) or (optional and value is None)):
+            wanted = f"(n, 3), of the type {dtype}" + (" or None" if optional else "")
             yield f"`stage` gives {name} = {described(value)}: it must be {wanted}"
     for name in ("reach", "follow", "weight"):
         value = getattr(stage, name)

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import described
+from jaxfem.answers import FLAG, WHOLE, described, flaw_of
 from jaxfem.batching import one_program
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -102,13 +102,15 @@ class Scheme(Pytree):
         super().__init_subclass__(**kwargs)
         if {"stage", "advance"} & {*cls.__dict__}:
             cls.lanes = cls.__dict__.get("lanes", False)
-        if not isinstance(cls.__dict__.get("name"), str):  # a base of others
+        if (name := cls.__dict__.get("name")) is None or hasattr(name, "__get__"):  # a base of others
             return
         for needed in ("stage", "advance"):
             if getattr(cls, needed) is getattr(Scheme, needed):
                 raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has no `{needed}`: define it')
-        if not isinstance(getattr(cls, "order", None), int):
+        if not hasattr(cls, "order"):
             raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) does not say its `order`: give an integer')
+        if flaw := flaw_of(cls, {"order": WHOLE, **dict.fromkeys(("rigid", "restarts", "straight", "lanes"), FLAG)}):
+            raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has {flaw}')
         SCHEMES.add(cls.name, cls)
 
     def check(self) -> None:
@@ -193,10 +195,11 @@ def scheme_damping(scheme: str | Scheme, frequencies: Any, dt: Any, *numbers: An
     _check_damping(known, dt)
     turn = known * dt
     slope = scheme.slope(turn)
-    if not isinstance(slope, jax.Array) or slope.shape != turn.shape:
-        wanted = f"an array of shape {turn.shape}, as the turns are that it is asked for"
+    is_complex = isinstance(slope, jax.Array | np.ndarray) and jnp.issubdtype(slope.dtype, jnp.complexfloating)
+    if not is_complex or slope.shape != turn.shape:
+        wanted = f"a complex array of shape {turn.shape}, as the turns are that it is asked for"
         raise ValueError(f'`slope` of the scheme "{scheme.name}" gives {described(slope)}: it must give {wanted}')
-    return _ratio(turn, slope)
+    return _ratio(turn, jnp.asarray(slope))
 
 
 @one_program

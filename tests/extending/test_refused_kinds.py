@@ -120,6 +120,17 @@ def test_laws_that_contradict_themselves():
         ({"low": 2.0, "high": 1.0}, "give low < high"),
         ({"low": 0.0, "default": -1.0}, "the default of nu2 is -1"),
         ({"low": -0.4, "high": 0.4}, "fits search its logarithm"),
+        ({"name": 3}, "a constant is named 3"),
+        ({"default": "a"}, "'nu2' has default = 'a': give a number, or None"),
+        ({"default": np.ones(2)}, r"default = an array of shape \(2,\)"),
+        ({"default": np.nan}, "the default of nu2 is nan"),
+        ({"low": None}, "low = None: give a number"),
+        ({"unit": 3}, "unit = 3: give a text"),
+        ({"bounds": (3.0, 1.0)}, r"bounds = \(3.0, 1.0\): give two numbers, the lower one first"),
+        ({"plausible": (1.0,)}, r"plausible = \(1.0,\): give two numbers"),
+        ({"closed": "no"}, "closed = 'no': give True or False"),
+        ({"transform": "log"}, "transform = 'log': give a Transform"),
+        ({"doubt": 3}, "doubt = 3: give a number and a text"),
     ):
         with pytest.raises(TypeError, match=text):
             jf.Constant(**{"name": "nu2", "unit": "", "advice": "must be", **wrong})

@@ -130,7 +130,28 @@ def half(self, state, prescribed, free, dt):
     return Euler.stage(self, state, prescribed, free, dt).replace(ahead=state.positions)
 
 
+def staged(**more):
+    def stage(self, state, prescribed, free, dt):
+        return Euler.stage(self, state, prescribed, free, dt).replace(
+            **{name: answer(state.positions, dt) for name, answer in more.items()}
+        )
+
+    return stage
+
+
 ASKED = [
+    ("stage", staged(base=lambda x, dt: x.astype(int)), r"`stage` gives base = .* \(n, 3\), of the type float64"),
+    ("stage", staged(start=lambda x, dt: x.astype(np.float32)), "`stage` gives start = .* float32: it must be"),
+    *[
+        (
+            "stage",
+            staged(**{name: lambda x, dt: dt[None]}),
+            rf"`stage` gives {name} = .*\(1,\).*: it must",
+        )
+        for name in ("reach", "follow", "weight")
+    ],
+    ("advance", lambda s, x, v, f, dt: (v.astype(np.float32), None), "`advance` gives .*, of the type float64"),
+    ("begin", lambda s, x, a: a().astype(int), "`begin` gives .* of the type float64, or None"),
     ("stage", lambda s, *given: None, "`stage` gives None: it must give a Stage"),
     ("stage", half, "`stage` gives one of `ahead` and `before`: it must give both"),
     ("stage", lambda s, x, p, f, dt: Euler.stage(s, x, p, f, dt).replace(base=x.positions[0]), r".* base = .*\(n, 3\)"),
@@ -172,6 +193,9 @@ def test_flags_and_numbers_of_a_scheme(tmp_path):
             jf.build(jf.Scene([soft()]), scheme=Flagged(share=share))
     with pytest.raises(ValueError, match=r"`slope` of the scheme .* gives an array of shape"):
         jf.scheme_damping("flagged_for_a_test", [1.0, 2.0], 1e-2)
+    real = type("Real", (Flagged,), {"slope": lambda self, turn: turn})
+    with pytest.raises(ValueError, match=r"`slope` of the scheme .* it must give a complex array of shape \(2,\)"):
+        jf.scheme_damping(real(), [1.0, 2.0], 1e-2)
     file = tmp_path / "scene.toml"
     body = "[[body]]\nmesh = { box = [1, 1, 1], cells = 1 }\nyoung = 1e5\npoisson = 0.3\ndensity = 1e3\n"
     file.write_text(

@@ -65,11 +65,13 @@ def kept(more):
     return lambda joint, bodies, where: Part("kept", Kept(*points(joint, bodies, where), more), joint.softness)
 
 
-def row(answer):
+def row(answer, **more):
     """Rows with another answer."""
-    made = type(
-        "Wrong", (PointLock,), {"rows": lambda self, at, values, stage: answer(PointLock.rows(self, at, values, stage))}
-    )
+
+    def rows(self, at, values, stage):
+        return answer(PointLock.rows(self, at, values, stage))
+
+    made = type("Wrong", (PointLock,), {"rows": rows, **more})
     return lambda joint, bodies, where: Part("wrong", made(*points(joint, bodies, where)), joint.softness)
 
 
@@ -93,6 +95,10 @@ MADE = [
         [lambda *given: lock(*given)._replace(values=Softness(True, 0.0))],
         "values .* is True; give a real number",
     ),
+    ([lambda *given: lock(*given)._replace(values=None)], "the values of .* are None; a PointLock takes a Softness"),
+    ([lambda *given: lock(*given)._replace(values=3.0)], "are 3.0; .* with compliance, damping"),
+    ([row(lambda found: found, combined=lambda self, values: 3)], "`combined` gives 3; .* and their Range"),
+    ([row(lambda found: found, idle=lambda self, values: None)], "`idle` of .* gives None; it must give a mapping"),
     ([kept("text")], 'more of the rows of "kept" of joint "pin0" is \'text\'; give a number, an index, a flag'),
     ([turning(3), turning(2)], 'the rows of "turn" have held = 2, where those of joint "pin0" have held = 3'),
     ([turning(3), turning(3, (1.0,))], 'the values of "turn" have .*, where those of joint "pin0" have a Softness'),
@@ -115,6 +121,22 @@ def test_parts_that_are_no_list_of_parts():
     none = type("Empty", (Joint,), {"parts": lambda self, bodies, where: None})
     with pytest.raises(jf.SceneError, match="`parts` gives None; it must yield a Part"):
         jf.build(jf.Scene([BALL], joints=[none(None, BALL)]))
+
+
+@pytest.mark.parametrize(
+    ("hook", "answer", "text"),
+    [
+        ("parts", [], "`parts` yields nothing; it must yield a Part"),
+        ("open_by", None, '`open_by` of "Wrong", a Wrong, gives None; it must give a number and its unit'),
+        ("open_by", ("far", "m"), "`open_by` of .* gives .'far', 'm'."),
+        ("unused", None, '`unused` of "Wrong", Wrong, gives None; it must give a list of texts'),
+        ("unused", "ab", "`unused` of .* gives 'ab'"),
+    ],
+)
+def test_a_joint_is_told_which_answer_is_wrong(hook, answer, text):
+    wrong = type("Wrong", (Own,), {hook: lambda self, *given: answer})
+    with pytest.raises(jf.SceneError, match=text):
+        jf.build(jf.Scene([BALL], joints=[wrong(None, BALL, made=lock)]))
 
 
 def test_flags_among_the_arrays_of_rows_stay_flags():

@@ -13,6 +13,7 @@ from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
+from jaxfem.answers import odd_fields
 from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
 from jaxfem.inputs import Declared, Number, Text, inputs_of, takes
 from jaxfem.registry import Registry
@@ -67,6 +68,12 @@ class Joint(Declared):
             return
         if cls.parts is Joint.parts:
             raise TypeError(f"{cls.__name__} does not say which rows it is made of: define `parts`")
+        known = [each.name for each in dataclasses.fields(cls)]
+        if (odd := odd_fields(variants or {}, known)) is not None:
+            raise TypeError(
+                f"{cls.__name__} has variants{odd[0]} = {odd[1]!r}: give a mapping of words to fields and their "
+                f"values; its fields are {', '.join(known)}"
+            )
         JOINTS.add(kind, cls)
         for word, fixed in (variants or {}).items():
             JOINTS.add(word, cls, **fixed)
