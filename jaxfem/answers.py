@@ -97,20 +97,21 @@ def odd_leaf(tree: Any) -> tuple[str, Any] | None:
 
 def odd_entry(given: Any, shapes: Sequence[Shape], dtype: Any) -> tuple[str, Any] | None:
     """The first entry of a mapping that is no word for such an array, or what is no mapping; None where all are."""
-    return _odd(given, lambda value: is_array(value, shapes, dtype))
+    return odd_word(given, lambda value: is_array(value, shapes, dtype))
 
 
 def odd_pair(given: Any, second: type) -> tuple[str, Any] | None:
     """The same where each word stands for two values, of which the last is a `second`."""
-    return _odd(given, lambda pair: isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[1], second))
+    return odd_word(given, lambda pair: isinstance(pair, tuple) and len(pair) == 2 and isinstance(pair[1], second))
 
 
 def odd_fields(given: Any, known: Sequence[str]) -> tuple[str, Any] | None:
     """The same where each word stands for a mapping of fields that are `known`."""
-    return _odd(given, lambda fixed: isinstance(fixed, Mapping) and {*fixed} <= {*known})
+    return odd_word(given, lambda fixed: isinstance(fixed, Mapping) and {*fixed} <= {*known})
 
 
-def _odd(given: Any, good: Callable[[Any], bool]) -> tuple[str, Any] | None:
+def odd_word(given: Any, good: Callable[[Any], bool]) -> tuple[str, Any] | None:
+    """The same where each word stands for what is `good`."""
     if not isinstance(given, Mapping):
         return "", given
     for word, value in given.items():

@@ -12,6 +12,7 @@ from jaxfem.pytrees import Pytree
 from jaxfem.rigid.dynamics import rigid_energies
 from jaxfem.system.account import first_account
 from jaxfem.system.memory import beside_strain, resting_materials
+from jaxfem.system.own_elasticity import own_elasticity
 from jaxfem.tensors import inner
 
 Array = jax.Array
@@ -65,7 +66,7 @@ def with_account(model: Model, params: Params, state: State) -> State:
 
 def total_elastic_energy(model: Model, params: Params, positions: Array, internal: Any = None) -> Array:
     """Elastic energy of all bodies at `positions` (n, 3) [J]; `internal`: what their materials remember."""
-    own = model.method.elasticity(model, params, positions, jnp.zeros_like(positions))
+    own = own_elasticity(model, params, positions, jnp.zeros_like(positions))
     if own is not None:
         total: Array = own.energy
         return total

@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 import jax
 
-from jaxfem.answers import FLAG, flaw_of
+from jaxfem.answers import COUNT, FLAG, REAL, flaw_of
 from jaxfem.elements.mass import MassKind
 from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.constants import Constant
@@ -28,6 +28,8 @@ Array = jax.Array
 
 AUTO = "auto"
 """Stands for the choice between methods."""
+SOLVED = {"status": COUNT, "iterations": COUNT, "residual": REAL, "weakly_active": COUNT}
+"""What each solve tells of itself."""
 
 
 class Facts(NamedTuple):

@@ -2,16 +2,16 @@
 
 import abc
 from collections import OrderedDict
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import described, is_array
+from jaxfem.answers import described, flaw_of, is_exact
 from jaxfem.batching import cond_any, one_trace
-from jaxfem.methods.base import Method, Solved
+from jaxfem.methods.base import SOLVED, Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.pytrees import Pytree, on_device
@@ -19,7 +19,7 @@ from jaxfem.rigid.slender import slender_status
 from jaxfem.rows.base import Rows
 from jaxfem.rows.bounds import beyond_cone
 from jaxfem.solvers.differentiation import recomputed
-from jaxfem.solvers.status import Status
+from jaxfem.solvers.status import SolveInfo, Status
 from jaxfem.system.coupled import configuration, coupled_system, midway_inertia, velocities_of
 from jaxfem.system.giving import gave_way
 from jaxfem.system.holding import held, unmet
@@ -96,14 +96,8 @@ class RowMethod(Method):
 
     def _check(self, system: System, solved: Any) -> None:
         """TypeError for what is no solution; seen while the step is traced, and no part of it."""
-        shape = jnp.shape(system.target)
-        if isinstance(solved, Solved) and is_array(solved.velocities, [shape], system.target.dtype):
-            return
-        given = described(solved.velocities) if isinstance(solved, Solved) else described(solved)
-        raise TypeError(
-            f'`solve` of the method "{self.name}" gives {given}; it must give a Solved, with velocities {shape} of all '
-            "triples, impulses and info"
-        )
+        if flaw := _flaw(self.solved_rows(system), system.target, solved):
+            raise TypeError(f'`solve` of the method "{self.name}" gives {flaw}')
 
     def start(self, model: Model, params: Params, state: State) -> Impulses | None:
         """Zero impulses, in the rows' shapes."""
@@ -114,6 +108,23 @@ class RowMethod(Method):
     def impulses(self, model: Model, memory: Any) -> Impulses:
         """The memory itself."""
         return OrderedDict() if memory is None else memory
+
+
+def _flaw(rows: OrderedDict[str, Rows], target: Array, solved: Any) -> str:
+    """What is wrong with a solution; empty where nothing is."""
+    shape, dtype = jnp.shape(target), target.dtype
+    if not isinstance(solved, Solved) or not is_exact(solved.velocities, [shape], dtype):
+        given = described(solved.velocities) if isinstance(solved, Solved) else described(solved)
+        return f"{given}; it must give a Solved, with velocities {shape} of all triples, impulses and info"
+    impulses: Any = {} if solved.impulses is None else solved.impulses
+    known = isinstance(impulses, Mapping) and {*impulses} == {*rows}
+    if not known or not all(is_exact(impulses[name], [each.bias.shape], dtype) for name, each in rows.items()):
+        wanted = ", ".join(f'"{name}" {each.bias.shape}' for name, each in rows.items()) or "none"
+        return f"impulses that are {jax.tree.map(described, impulses)}; it must give those of the rows: {wanted}"
+    if not isinstance(solved.info, SolveInfo):
+        return f"info = {described(solved.info)}; it must give a SolveInfo"
+    flaw = flaw_of(solved.info, SOLVED)
+    return flaw and f"an info whose {flaw}"
 
 
 def with_fresh_pull(

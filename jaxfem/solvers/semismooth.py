@@ -118,8 +118,8 @@ def minimize_with_rows(
         return moved(rows, terms, heading, s, step, matvec(step), info)
 
     last = jax.lax.while_loop(lambda s: unfinished(s, max_iterations), trip, first)
-    impulses, info = finished(terms, last, scale, follow)
-    return (last.step, impulses), info
+    found, info = finished(terms, last, scale, follow)
+    return (last.step, found), info
 
 
 def started(

@@ -11,13 +11,14 @@ from typing import Any
 import numpy as np
 from jax import Array
 
+from jaxfem.answers import described
 from jaxfem.pytrees import Pytree
 
 
 class Status(enum.IntEnum):
     """Outcome of a solve, an integer inside compiled code. Zero is success; see `describe` for the remedies.
 
-    `Status(code)` takes codes that name a cause too.
+    `Status(code)` takes codes that name a cause too; any that is no status is UNKNOWN.
     """
 
     CONVERGED = 0
@@ -34,10 +35,13 @@ class Status(enum.IntEnum):
     GAVE_WAY = 11
     UNRESOLVED = 12
     UNRESOLVED_SPIN = 13
+    UNKNOWN = 255
 
     @classmethod
     def _missing_(cls, value: object) -> "Status | None":
-        return cls(value % BYTE) if isinstance(value, int) and value >= BYTE else None
+        if not isinstance(value, int):
+            return None
+        return cls(value % BYTE) if value >= BYTE else cls.UNKNOWN
 
 
 BYTE = 256
@@ -75,6 +79,7 @@ _MESSAGES = {
     Status.GAVE_WAY: "gave way under a load",
     Status.UNRESOLVED: "did not resolve elastic strains",
     Status.UNRESOLVED_SPIN: "did not resolve a spin",
+    Status.UNKNOWN: "gave a status that is none of jaxfem.solvers.Status",
 }
 
 
@@ -101,8 +106,13 @@ def caused(status: Status, cause: str) -> int:
 
 
 def describe(status: Any) -> str:
-    """Readable text of a status, on the host. status: an integer, a `SolveInfo`'s `status`, or an array of lanes'."""
+    """Readable text of a status, on the host. status: an integer, a `SolveInfo`'s `status`, or an array of lanes'.
+
+    Also of integers that are no status; TypeError for what is no number.
+    """
     codes = np.atleast_1d(np.asarray(status)).ravel()
+    if codes.dtype.kind not in "biuf":
+        raise TypeError(f"describe got {described(status)}; give a status, an integer, or an array of them")
     if codes.size == 1:
         return _message(int(codes[0]))
     kinds, counts = np.unique(codes, return_counts=True)
@@ -110,5 +120,8 @@ def describe(status: Any) -> str:
 
 
 def _message(code: int) -> str:
+    status = Status(code)
     cause = _CAUSES.get(code // BYTE)
-    return _MESSAGES[Status(code)] + (f": {cause}" if cause else "")
+    if status is Status.UNKNOWN:
+        cause = f"{code}; let the method or solver give one of those"
+    return _MESSAGES[status] + (f": {cause}" if cause else "")

@@ -12,7 +12,7 @@ from jaxfem.stepping.begin import begun
 from jaxfem.stepping.checks import StepError, check_call, check_failure, check_rollout, checked_frequencies
 from jaxfem.stepping.entering import typed
 from jaxfem.stepping.failure import OnFailure, forgetting, persistent
-from jaxfem.stepping.taken import check_memory, step_taken
+from jaxfem.stepping.taken import check_memory, prepared, step_taken
 from jaxfem.stepping.values import force_status, judged, value_status
 
 Array = jax.Array
@@ -67,7 +67,7 @@ def cached(model: Model, params: Params, state: State, dt: Array) -> Any:
     """What the method prepared, or prepares now; no derivative passes through what changes no solution."""
     if model.cache is not None:
         return jax.lax.stop_gradient(model.cache)
-    return model.method.prepare(*jax.lax.stop_gradient((model, params, state, dt)))
+    return prepared(*jax.lax.stop_gradient((model, params, state, dt)))
 
 
 def rollout(

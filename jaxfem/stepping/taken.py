@@ -1,15 +1,31 @@
 """A step as the model's method takes it, and whether what the method gives back is one: seen while it is traced."""
 
+import dataclasses
 from typing import Any
 
 import jax
 
-from jaxfem.answers import alike, described
+from jaxfem.answers import COUNT, alike, described, flaw_of, odd_leaf
 from jaxfem.batching import one_trace
+from jaxfem.methods.base import SOLVED
 from jaxfem.model import Model, Params, State, StepInfo
 from jaxfem.stepping.checks import StepError
 
 Array = jax.Array
+
+TOLD = {**SOLVED, "inverted": COUNT}
+"""What each step's info tells."""
+
+
+def prepared(model: Model, params: Params, state: State, dt: Array) -> Any:
+    """What the model's method prepares; StepError names the method where that cannot be kept."""
+    found = model.method.prepare(model, params, state, dt)
+    if (odd := odd_leaf(found)) is not None:
+        raise StepError(
+            f'`prepare{odd[0]}` of the method "{model.method.name}" gives {described(odd[1])}; it must give a tree of '
+            "arrays, or None"
+        )
+    return found
 
 
 @one_trace
@@ -32,12 +48,21 @@ def _flaw(found: Any, before: State) -> str:
     pair = isinstance(found, tuple) and len(found) == 2
     if not pair or not isinstance(found[0], State) or not isinstance(found[1], StepInfo):
         return f"{described(found)}; it must give the next State and a StepInfo"
-    after = found[0]
-    for name in ("positions", "velocities", "time"):
+    after, info = found
+    for name in (field.name for field in dataclasses.fields(State) if field.name != "memory"):
         was, now = getattr(before, name), getattr(after, name)
         if not alike(was, now):
-            return f"{name} = {described(now)}; they must stay {described(was)}, as in the state that it was given"
+            return f"{name} = {_in_words(now)}; it must stay {_in_words(was)}, as in the state that it was given"
+    if flaw := flaw_of(info, TOLD):
+        return f"an info whose {flaw}"
+    if (odd := odd_leaf(info)) is not None:
+        return f"info{odd[0]} = {described(odd[1])}; it must be an array"
     return ""
+
+
+def _in_words(tree: Any) -> str:
+    """What a part of a state is: an array by its shape and type, or what it is made of."""
+    return str(jax.tree.map(described, tree)) if jax.tree.leaves(tree) else described(tree)
 
 
 def check_memory(model: Model, before: State, after: State) -> None:

@@ -12,6 +12,7 @@ from jaxfem.loads import load_force
 from jaxfem.model import Model, Params, State, domain_materials, element_constants, nodal_mass, shared_mass
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.memory import domain_values, soon, step_materials
+from jaxfem.system.own_elasticity import own_elasticity
 from jaxfem.tensors import inner
 
 Array = jax.Array
@@ -59,7 +60,7 @@ def _drag(model: Model, params: Params, velocities: Array) -> Array:
 def _losses(model: Model, params: Params, before: State, after: State, dt: Array) -> dict[str, Array]:
     """What damping and the laws' memories lost, or the method's own elasticity did."""
     way = after.positions - before.positions
-    own = model.method.elasticity(model, params, 0.5 * (before.positions + after.positions), way / dt)
+    own = own_elasticity(model, params, 0.5 * (before.positions + after.positions), way / dt)
     if own is not None:
         return {"damping": dt * own.power}
     strains = [domain_strains(model.domains, each.positions, model.rotation_kind) for each in (before, after)]
@@ -97,7 +98,7 @@ def _support_work(model: Model, params: Params, before: State, after: State, loa
 
 def _inner_force(model: Model, params: Params, state: State, rates: Array) -> Array:
     """Elastic and viscous force (n, 3) [N] at a state, whose nodes move at `rates` (n, 3)."""
-    own = model.method.elasticity(model, params, state.positions, rates)
+    own = own_elasticity(model, params, state.positions, rates)
     if own is not None:
         force: Array = own.force
         return force

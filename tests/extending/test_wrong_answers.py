@@ -8,15 +8,8 @@ import pytest
 
 import jaxfem as jf
 from jaxfem.io import load_scene
-from jaxfem.materials.linear import POISSON
-from jaxfem.methods import METHODS, Condensed
 from jaxfem.pytrees import static
 from jaxfem.schemes import SCHEMES, Scheme, Stage
-
-
-def constant(name, unit=""):
-    return jf.Constant(name, unit, "must be > 0", low=0.0)
-
 
 SHEAR = jf.Constant("shear", "Pa", "must be > 0 Pa", low=0.0)
 MESH = jf.mesh.box((0.1, 0.1, 0.1), 1)
@@ -214,95 +207,3 @@ def test_numbers_of_a_scheme_stand_beside_its_name():
         jf.build(scene, toleranse=1e-6)
     with pytest.raises(ValueError, match='2 numbers are given for the scheme "generalized_alpha", which takes rho_inf'):
         jf.scheme_damping("generalized_alpha", 1.0, 1e-2, 0.5, 0.5)
-
-
-class Undecorated(Condensed):
-    """A method as one would write it, without a decorator."""
-
-    name: ClassVar[str] = "undecorated_for_a_test"
-    rounds: int = 3
-
-
-def test_a_method_is_a_frozen_dataclass_of_itself():
-    assert Undecorated() == Undecorated(rounds=3) != Undecorated(rounds=4) and hash(Undecorated()) == hash(
-        Undecorated()
-    )
-    with pytest.raises(AttributeError, match="a method does not change: make another Undecorated"):
-        Undecorated().rounds = 2
-    model, *_ = jf.build(jf.Scene([soft()]), solver=Undecorated(rounds=5))
-    assert model.method.rounds == 5 and "rounds=5" in repr(model.method)
-    with pytest.raises(jf.SceneError, match=r"has rounds = \[1\], by which no compiled program can tell"):
-        jf.build(jf.Scene([soft()]), solver=Undecorated(rounds=[1]))
-
-
-HOOKS = [
-    ("refuses", lambda s, facts: True, "`refuses` gives True; it must give words that follow its name, or None"),
-    ("plan", lambda s, *scene: {"way": "fast"}, r"`plan\['way'\]` gives 'fast'; it must give a tree of arrays"),
-    ("start", lambda s, *scene: ("none",), r"`start\[0\]` gives 'none'"),
-    ("constants", lambda s: [1.0], "`constants` gives .1.0.; it must give a mapping of Constant"),
-    *(
-        (
-            "constants",
-            lambda s, own=name: {constant(own): 1.0},
-            f"`constants` gives a constant called '{name}', which is",
-        )
-        for name in ("density", "mass_damping", "gravity", "rigid", "replace", "dt")
-    ),
-    (
-        "constants",
-        lambda s: {constant("young"): 1.0},
-        """`constants` gives .*'young', which params hold for the material of "block" .Linear.: read that value in""",
-    ),
-    (
-        "constants",
-        lambda s: {POISSON: 0.3},
-        """`constants` gives .*'poisson', which params hold for the material of "block".*another name""",
-    ),
-    (
-        "constants",
-        lambda s: {constant("share"): 1.0, constant("share", "Pa"): 2.0},
-        "`constants` gives 2 constants called 'share': rename all but one",
-    ),
-    (
-        "constants",
-        lambda s: {constant("share"): "a"},
-        "`constants` gives what it cannot: share .* is 'a': give one num",
-    ),
-    ("constants", lambda s: {constant("share"): -1.0}, ".*: share of .* is -1: it must be > 0"),
-    ("constants", lambda s: {constant("share"): [1.0, 2.0]}, r".*: share of .* has shape \(2,\); give one number"),
-]
-
-
-@pytest.mark.parametrize(("hook", "answer", "text"), HOOKS, ids=numbered(HOOKS))
-def test_a_method_is_told_which_answer_is_wrong(hook, answer, text):
-    wrong = type("Wrong", (Condensed,), {"name": "wrong", hook: answer})
-    METHODS.remove("wrong")
-    with pytest.raises(jf.SceneError, match=f'solver "wrong": {text}'):
-        jf.build(jf.Scene([soft()]), solver=wrong())
-
-
-def longer(self, *given):
-    following, info = Condensed.step(self, *given)
-    return following.replace(positions=following.positions[:2]), info
-
-
-def forgetful(self, *given):
-    following, info = Condensed.step(self, *given)
-    return following.replace(memory=jnp.zeros(2)), info
-
-
-STEPS = [
-    ("step", lambda s, *given: None, jf.StepError, "gives None; it must give the next State and a StepInfo"),
-    ("step", longer, jf.StepError, r"gives positions = .*; they must stay an array of shape \(8, 3\)"),
-    ("step", forgetful, jf.StepError, "gives another memory than it found"),
-    ("solve", lambda s, *given: given[0].target, TypeError, "`solve` of the method .* it must give a Solved"),
-]
-
-
-@pytest.mark.parametrize(("hook", "answer", "error", "text"), STEPS, ids=numbered(STEPS))
-def test_a_method_whose_step_is_none_is_named(hook, answer, error, text):
-    wrong = type("Wrong", (Condensed,), {"name": f"wrong_{hook}", hook: answer})
-    METHODS.remove(wrong.name)
-    scene = jf.build(jf.Scene([soft()]), solver=wrong())
-    with pytest.raises(error, match=text):
-        jf.rollout(*scene, 1e-2, 2)
