@@ -13,15 +13,14 @@ from jaxfem.building.meetings import (
     Meeting,
     Touching,
     bounds_at_corners,
+    measured_by,
     meeting_of,
-    repeated,
     triangles_around,
 )
 from jaxfem.building.row_groups import device_type
 from jaxfem.declared import Contact, SceneError
 from jaxfem.pytrees import on_device
 from jaxfem.rigid.shapes import Shape
-from jaxfem.rigid.shapes.answers import distance_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
 from jaxfem.rows.box_edges import MOST, BoxEdges
 from jaxfem.rows.candidates import Candidates
@@ -45,7 +44,7 @@ def contact_parts(contacts: Sequence[Contact], index: BodyIndex, dtype: Any) -> 
             raise SceneError(f"contacts holds a {type(contact).__name__}: write contacts=[Contact(a, b), ...]")
         name = contact.name or str(number)
         where = f'contact "{name}"' if contact.name else f"contact {name}"
-        meeting = meeting_of(contact, index, where)
+        meeting = meeting_of(contact, index, where, dtype)
         made = [each for make in MAKERS for each in make(meeting)]
         if not made:
             raise SceneError(
@@ -181,10 +180,7 @@ def _against(meeting: Meeting, points: Touching, shape: Shape, body: int | None)
     if body is not None:
         numbers = np.full(count, body, np.int32)
         offset = np.tile(meeting.bodies.rigid[body].properties[1], (count, 1))
-    measured = shape.measured(float(points.radius.max()))
-    if flaw := distance_flaw(measured if shape.shared else repeated(measured, None)):
-        raise SceneError(f"{meeting.where} touches a {type(shape).__name__}: {flaw}")
-    own = measured if shape.shared else repeated(measured, count)
+    own = measured_by(meeting, shape, count, float(points.radius.max()))
     margin = meeting.margins(points)
     given = (points.points, points.radius, own, numbers, margin[:MOST_POINTS], meeting.rough, shape.shared)
     if count > MOST_POINTS and not isinstance(points.points, SoftPoint):

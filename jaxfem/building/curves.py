@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from jaxfem.building.meetings import Meeting, repeated
+from jaxfem.building.meetings import Meeting, measured_by
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.curves import MOST_CURVES, TOUCHES, CurveContacts
 
@@ -51,7 +51,6 @@ def _against(
     for centre, first, second, radius in (halves, rounds):
         if not (count := len(radius)):
             continue
-        measured = shape.measured(float(radius.max()))
         most = MOST_CURVES if count > MOST_CURVES else 0
         yield CurveContacts(
             None if number is None else np.full(count, number, np.int32),
@@ -59,7 +58,7 @@ def _against(
             first,
             second,
             radius,
-            measured if shape.shared else repeated(measured, count),
+            measured_by(meeting, shape, count, float(radius.max())),
             None if body is None else np.full(count, body, np.int32),
             np.full((most or count) * TOUCHES[second is not None], meeting.margin),
             meeting.rough,

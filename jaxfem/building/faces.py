@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from jaxfem.building.meetings import Meeting, bounds_at_corners, repeated, triangles_around
+from jaxfem.building.meetings import Meeting, bounds_at_corners, measured_by, triangles_around
 from jaxfem.declared.errors import AccuracyWarning
 from jaxfem.rigid.shapes import Shape
 from jaxfem.rows.attachments import RigidPoint, SoftPoint, WorldPoint
@@ -40,7 +40,7 @@ def faces_on_shape(meeting: Meeting) -> Iterator[Any]:
     middle = np.zeros(3) if number is None else meeting.bodies.rigid[number].properties[1]
     yield FaceContacts(
         triangles,
-        shape.measured() if shape.shared else repeated(shape.measured(), count),
+        measured_by(meeting, shape, count),
         None if number is None else np.full(count, number, np.int32),
         np.full(most or count, meeting.margin),
         meeting.rough,

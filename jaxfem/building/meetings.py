@@ -10,6 +10,7 @@ from jaxfem.building.embedded import embedded
 from jaxfem.building.pressed import pressed_flat
 from jaxfem.declared import Contact, SceneError
 from jaxfem.rigid.shapes import Shape
+from jaxfem.rigid.shapes.answers import distance_flaw, measured_flaw
 from jaxfem.rows.attachments import RigidPoint, SoftPoint
 
 MARGIN = 0.05  # of a's size
@@ -40,7 +41,7 @@ class Touching(NamedTuple):
 class Meeting(NamedTuple):
     """A contact's sides: `a` with its points, and a body `b` or else ground.
 
-    `chosen`: the user chose a's points; `margin` [m]; `where`: words for messages.
+    `chosen`: the user chose a's points; `margin` [m]; `where`: words for messages; `dtype`: of the model.
     """
 
     contact: Contact
@@ -51,6 +52,7 @@ class Meeting(NamedTuple):
     ground: Shape | None
     margin: float
     where: str
+    dtype: Any
 
     @property
     def chosen(self) -> bool:
@@ -135,7 +137,7 @@ def triangles_around(points: Any, surface: np.ndarray) -> np.ndarray | None:
     return around
 
 
-def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:
+def meeting_of(contact: Contact, index: BodyIndex, where: str, dtype: Any) -> Meeting:
     """The sides of a contact; SceneError for two that cannot touch."""
     a = _side(index, contact.a, where)
     if a.kind == "rigid" and (contact.nodes is not None or contact.surface is not None):
@@ -147,7 +149,7 @@ def meeting_of(contact: Contact, index: BodyIndex, where: str) -> Meeting:
     b = _side(index, contact.b, where) if ground is None else None
     if b is not None:
         _check(contact, a, b, index, where)
-    return Meeting(contact, index, a, points, b, ground, margin, where)
+    return Meeting(contact, index, a, points, b, ground, margin, where, dtype)
 
 
 def _side(index: BodyIndex, body: Any, where: str) -> Side:
@@ -211,6 +213,20 @@ def _size(index: BodyIndex, side: Side) -> float:
     if side.shape is None:
         return float(np.ptp(index.soft[side.number].mesh.points, axis=0).max())
     return float(np.ptp(side.shape.extent(), axis=0).max())
+
+
+def measured_by(meeting: Meeting, shape: Shape, count: int, reach: float = 0.0) -> Any:
+    """What a contact takes distances of a shape from, its values once for each of `count` pairs, or `shared` by all.
+
+    SceneError for what has no distance that can be used. `reach` [m]: see `Shape.measured`.
+    """
+    measured = shape.measured(reach)
+    flaw = measured_flaw(measured)
+    if not flaw:
+        flaw = distance_flaw(measured if shape.shared else repeated(measured, None), meeting.dtype)
+    if flaw:
+        raise SceneError(f"{meeting.where} touches a {type(shape).__name__}: {flaw}")
+    return measured if shape.shared else repeated(measured, count)
 
 
 def repeated(shape: Any, count: int | None) -> Any:

@@ -6,10 +6,11 @@ from typing import Any
 
 import numpy as np
 
+from jaxfem.answers import numbers
 from jaxfem.declared.errors import SceneError, checked_number, checked_vector, refuse_traced
 from jaxfem.inputs import Flag, Number, Text, Vector, takes
 from jaxfem.motion import Motion
-from jaxfem.rigid.shapes.answers import touching_flaw
+from jaxfem.rigid.shapes.answers import mass_flaw, touching_flaw
 from jaxfem.rigid.shapes.base import Shape, solids
 
 
@@ -66,10 +67,13 @@ class RigidBody:
     @cached_property
     def properties(self) -> tuple[float, np.ndarray, np.ndarray]:
         """Mass [kg], centre of mass (3,) [m] in the shape's frame, inertia per mass about it (3, 3) [m^2]."""
-        volume, center, inertia = self.shape.mass_properties()
+        found: Any = self.shape.mass_properties()
+        if flaw := mass_flaw(found):
+            raise SceneError(f'the shape of "{self.label}", {type(self.shape).__name__}: {flaw}')
+        volume, center, inertia = found
         weighed = self.mass is not None or (np.isfinite(volume) and volume > 0)
-        turned = self.inertia is not None or _definite(np.asarray(inertia))
-        if not (weighed and turned and np.shape(center) == (3,)):
+        turned = self.inertia is not None or _definite(inertia)
+        if not (weighed and turned and np.isfinite(center).all()):
             raise SceneError(
                 f'the shape of "{self.label}", {type(self.shape).__name__}, has mass_properties that no solid has: '
                 "give a volume above 0 [m^3], a centre (3,) [m], and an inertia per mass (3, 3) [m^2], symmetric and "
@@ -81,11 +85,14 @@ class RigidBody:
     def _check_inertia(self) -> None:
         if self.inertia is None:
             return
-        if not _definite(np.asarray(self.inertia, float)):
+        if not _definite(self.inertia):
             raise SceneError(f'inertia of "{self.label}" must be a symmetric positive definite (3, 3) matrix in kg m^2')
 
 
-def _definite(inertia: np.ndarray) -> bool:
+def _definite(given: Any) -> bool:
     """Whether it is a symmetric positive definite (3, 3) matrix."""
+    inertia = numbers(given)
+    if inertia is None:
+        return False
     good = inertia.shape == (3, 3) and np.isfinite(inertia).all() and np.allclose(inertia, inertia.T)
     return bool(good and np.linalg.eigvalsh(inertia).min() > 0)

@@ -1,20 +1,17 @@
-"""Joints, shapes and loads of one's own whose parts do not fit are refused in `build`, by name and with what to do."""
+"""Joints and loads of one's own whose parts do not fit are refused in `build`, by name and with what to do."""
 
 from dataclasses import field
 from typing import Any
 
-import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxfem as jf
 from jaxfem.declared.joints import Joint, Part
 from jaxfem.declared.loads import Load
-from jaxfem.inputs import Flag, Number, takes
 from jaxfem.loads import WeightedForce
 from jaxfem.materials.quantities import positive
-from jaxfem.pytrees import Pytree, static
-from jaxfem.rigid.shapes import Shape
+from jaxfem.pytrees import Pytree
 from jaxfem.rows.locks import FrameLock, PointLock, Softness
 
 BALL = jf.RigidBody(jf.Sphere(0.1), mass=1.0, name="ball")
@@ -157,64 +154,6 @@ def test_what_all_joints_inherit_is_used_or_refused(name):
         built(hard, **{name: 1e-3})
     _, params, _ = built(lock, **{name: 1e-3})
     assert float(getattr(params.joints["point world-rigid"], name)[0]) == 1e-3
-
-
-class Floor(Shape, word="floor_of_a_test"):
-    """Level ground, which a flag turns into a ceiling; `sides` is part of the program."""
-
-    height: Any = field(metadata=takes(Number("m")))
-    ceiling: Any = field(default=False, metadata=takes(Flag()))
-    sides: int = static(default=4)
-
-    def distance(self, point):
-        up = point[2] - self.height
-        return jnp.where(self.ceiling, -up, up)
-
-
-def test_a_shape_has_flags_and_each_contact_its_own_static_fields():
-    contacts = [
-        jf.Contact(BALL, Floor(-0.1)),
-        jf.Contact(BALL, Floor(0.4, True)),
-        jf.Contact(OTHER, Floor(-0.1, sides=5)),
-    ]
-    model, params, state = jf.build(jf.Scene([BALL, OTHER], contacts=contacts))
-    assert list(model.contacts) == ["rough rigid-ground floor", "rough rigid-ground floor 2"]
-    first = model.contacts["rough rigid-ground floor"]
-    assert first.shape.ceiling.dtype == bool and first.names == ("0", "1")
-    states, info = jf.rollout(model, params, state, 1e-2, 3)
-    assert not info.status.any()
-    np.testing.assert_allclose(states.rigid.positions[-1, 0, 2], 0, atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("hook", "answer", "text"),
-    [
-        ("distance", lambda self, point: point[2:], r"touches a Wrong: `distance` gives an array of shape \(1,\)"),
-        ("distance", lambda self, point: None, "`distance` gives None for a point"),
-        ("distance", lambda self, point: point[2] > 0, "`distance` gives an array of shape .* and type bool"),
-    ],
-)
-def test_a_shape_is_told_which_distance_is_wrong(hook, answer, text):
-    wrong = type("Wrong", (jf.Sphere,), {hook: answer})
-    with pytest.raises(jf.SceneError, match=text):
-        jf.build(jf.Scene([BALL], contacts=[jf.Contact(BALL, wrong(1.0))]))
-
-
-@pytest.mark.parametrize(
-    ("hook", "answer", "text"),
-    [
-        ("features", lambda self: np.zeros((1, 3)), "`features` gives .* points .* and the radius"),
-        ("features", lambda self: (np.zeros((2, 3)), np.zeros(1)), "`features` gives"),
-        ("features", lambda self: (np.zeros(3), np.zeros(1)), r"`features` gives \(an array of shape \(3,\)"),
-        ("features", lambda self: (np.zeros((1, 3)), -np.ones(1)), ".* 0 for none"),
-        ("segments", lambda self: (np.zeros((1, 3)), np.zeros(1)), "`segments` gives"),
-        ("circles", lambda self: np.zeros((1, 3)), "`circles` gives an array"),
-    ],
-)
-def test_a_solid_is_told_which_points_are_wrong(hook, answer, text):
-    wrong = type("Wrong", (jf.Sphere,), {hook: answer})
-    with pytest.raises(jf.SceneError, match=f'the shape of "mine", Wrong: {text}'):
-        jf.RigidBody(wrong(1.0), mass=1.0, name="mine")
 
 
 class Pushing(Load):

@@ -16,6 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import FLAG, NUMBER, flaw_of
 from jaxfem.inputs import Sources, TableLike, inputs_of, read_fields
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -54,6 +55,13 @@ class Shape(Pytree):
             raise TypeError(f"{cls.__name__} has neither `distance` nor `mass_properties` and `features`: define some")
         if not inputs_of(cls) and getattr(cls.read, "__func__", None) is getattr(Shape.read, "__func__", None):
             raise TypeError(f"{cls.__name__} says not what its fields take: give them metadata=takes(...)")
+        flags = dict.fromkeys(("shared", "flat", "convex", "swept"), FLAG)
+        if flaw := flaw_of(cls, {**flags, "crease": NUMBER}):
+            raise TypeError(f"{cls.__name__} has {flaw}")
+        if leading is not None and leading not in inputs_of(cls):
+            raise TypeError(
+                f"{cls.__name__} leads with {leading!r}, which is none of its fields {', '.join(inputs_of(cls))}"
+            )
         SHAPES.add(word, cls)
 
     @classmethod
