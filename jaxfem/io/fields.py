@@ -35,6 +35,10 @@ FIELDS: dict[str, FrameField] = {}
 def frame_field(name: str, unit: str, on: Literal["node", "element"]) -> Callable[[Compute], Compute]:
     """Enter a function (model, params, state) -> array among the fields that every frame holds."""
 
+    for what, given in (("name", name), ("unit", unit)):
+        if not isinstance(given, str):
+            raise ValueError(f"the {what} of a field of the frames is {given!r}: give a text")
+
     def entered(compute: Compute) -> Compute:
         known = FIELDS.get(name)
         if known is not None and _place(known.compute) != _place(compute):
@@ -104,6 +108,8 @@ def computed(
         given: Any = field.compute(model, params, state)
         if not isinstance(given, jax.Array | np.ndarray):
             raise ValueError(f'the field "{name}" gives {described(given)}; it must give an array')
+        if not jnp.issubdtype(given.dtype, jnp.number) and given.dtype != np.bool_:
+            raise ValueError(f'the field "{name}" gives {described(given)}; it must give an array of numbers')
         found[name] = jnp.asarray(given)
         if found[name].shape[:1] != (counts[field.on],):
             raise ValueError(

@@ -8,6 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.answers import FLAG, described, flaw_of
 from jaxfem.declared.errors import SceneError
 from jaxfem.energies import energies
 from jaxfem.inputs import Count, Vector, takes
@@ -42,17 +43,22 @@ class Observed(Pytree):
 
 
 class Output:
-    """A named output: a frozen dataclass whose `measured(model)` returns the function of an `Observed` run.
+    """A named output: a frozen dataclass whose `measured(model)` returns the function of an `Observed` run; one
+    without a word is for Python alone.
 
     The function gives an array, or several by name; it is compiled with the run.
     """
 
-    word: ClassVar[str]
+    word: ClassVar[str] = ""
     frames: ClassVar[bool] = True
     """Whether the first axis is that of the saved frames."""
 
-    def __init_subclass__(cls, word: str, **kwargs: Any) -> None:
+    def __init_subclass__(cls, word: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if not word:
+            return  # for Python alone
+        if flaw := flaw_of(cls, {"frames": FLAG}):
+            raise TypeError(f"{cls.__name__} has {flaw}")
         cls.word = word
         OUTPUTS.add(word, cls)
 
@@ -189,6 +195,8 @@ def measuring(model: Model, outputs: Mapping[str, Any]) -> Callable[[Observed], 
                 if isinstance(value, Mapping)
                 else {name: value}
             )
+            if not own:
+                raise SweepError(f'output "{name}" gave nothing; give an array of numbers, or several by name')
             for key, each in own.items():
                 if key in found:
                     raise SweepError(f'two outputs are called "{key}": give one of them another name')
@@ -234,10 +242,14 @@ def _function(model: Model, name: str, given: Any) -> Callable[[Observed], Any]:
         raise SweepError(f'output "{name}" is the class {given.__name__}: give one of it, {given.__name__}(...)')
     if hasattr(given, "measured"):
         try:
-            measured: Callable[[Observed], Any] = given.measured(model)
-            return measured
+            found: Any = given.measured(model)
         except (SweepError, SceneError, MeshError) as problem:
             raise SweepError(f'output "{name}": {problem}') from None
+        if not callable(found):
+            said = f"`measured` of {type(given).__name__} gives {described(found)}"
+            raise SweepError(f'output "{name}": {said}; it must give a function of the run')
+        measured: Callable[[Observed], Any] = found
+        return measured
     if not callable(given):
         raise SweepError(f'output "{name}" is {given!r}; give a function of the run, or one of the named outputs')
     function: Callable[[Observed], Any] = given

@@ -4,9 +4,13 @@ import dataclasses
 from collections.abc import Callable, Mapping
 from typing import Any
 
+import jax
 import jax.numpy as jnp
+import numpy as np
 
+from jaxfem.answers import described
 from jaxfem.model import Model
+from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.outputs import Observed, Output
 
 TAKEN: dict[str, Callable[[Any], Any]] = {
@@ -17,6 +21,16 @@ TAKEN: dict[str, Callable[[Any], Any]] = {
     "all": lambda value: value,
 }
 """By word, of values (k, ...)."""
+
+
+def _check_frames(output: Output, value: Any) -> None:
+    """SweepError for an output that has no entry for each saved frame, though it says so."""
+    for each in value.values() if isinstance(value, Mapping) else [value]:
+        if not isinstance(each, jax.Array | np.ndarray) or each.ndim < 1:
+            raise SweepError(
+                f"`measured` of {type(output).__name__} gives a function that gives {described(each)}; it must give an "
+                "array with an entry for each saved frame, or say `frames = False`"
+            )
 
 
 @dataclasses.dataclass(frozen=True)
@@ -32,6 +46,8 @@ class Taken:
 
         def kept(run: Observed) -> Any:
             value = whole(run)
+            if self.output.frames:
+                _check_frames(self.output, value)
             return {name: take(each) for name, each in value.items()} if isinstance(value, Mapping) else take(value)
 
         return kept

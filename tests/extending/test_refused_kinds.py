@@ -185,6 +185,12 @@ def test_fields_of_the_frames_are_not_mistaken():
             computed(*scene)
     finally:
         del FIELDS["nothing"]
+    frame_field("words", "", "node")(lambda model, params, state: np.full(12, "x"))
+    try:
+        with pytest.raises(ValueError, match=r'the field "words" gives an array .*; it must give an array of numbers'):
+            computed(*scene)
+    finally:
+        del FIELDS["words"]
 
 
 @pytest.mark.parametrize(

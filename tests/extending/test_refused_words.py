@@ -3,8 +3,10 @@
 import pytest
 
 import jaxfem as jf
+from jaxfem.io.fields import frame_field
 from jaxfem.methods import Condensed
 from jaxfem.schemes import BackwardEuler
+from jaxfem.sweeping.outputs import Positions
 
 MESH = jf.mesh.box((0.1, 0.1, 0.1), 1)
 Pinned = jf.BallJoint
@@ -36,6 +38,12 @@ def test_a_word_that_is_no_text_is_refused(defined, word):
         (lambda: type("Odd", (jf.Sphere,), {"flat": 1.0}, word="odd"), "Odd has flat = 1.0: give True or False"),
         (lambda: type("Odd", (jf.Sphere,), {"crease": "a"}, word="odd"), "Odd has crease = 'a': give a number"),
         (lambda: type("Odd", (jf.Sphere,), {}, word="odd", leading="size"), "leads with 'size', .* fields radius"),
+        (lambda: type("Odd", (jf.NodalForce,), {"unit": 3}, kind="odd"), r'"odd" \(Odd\) has unit = 3: give a text'),
+        (lambda: type("Odd", (jf.NodalForce,), {"place": "force"}, kind="odd"), "has place = 'force': give \"nodes\""),
+        (
+            lambda: type("Odd", (Positions,), {"frames": "all"}, word="odd"),
+            "has frames = 'all': give True",
+        ),
         (lambda: type("Odd", (Condensed,), {"name": "odd", "nonlinear": "no"}), "has nonlinear = 'no'"),
         (lambda: type("Odd", (Pinned,), {}, kind="odd_for_a_test", variants={"a": {"b c": 1}}), "its fields are a, b"),
     ],
@@ -43,6 +51,12 @@ def test_a_word_that_is_no_text_is_refused(defined, word):
 def test_what_a_class_says_of_itself_is_looked_at(defined, text):
     with pytest.raises(TypeError, match=text):
         defined()
+
+
+@pytest.mark.parametrize(("name", "unit", "text"), [(3, "", "the name .* is 3"), ("odd", None, "the unit .* is None")])
+def test_fields_of_the_frames_have_texts_for_name_and_unit(name, unit, text):
+    with pytest.raises(ValueError, match=text):
+        frame_field(name, unit, "node")
 
 
 SHEAR = jf.Constant("shear", "Pa", "must be > 0 Pa", low=0.0)

@@ -1,5 +1,8 @@
 """jf.sweep: each variant is what a rollout of its own gives, and has a status of its own."""
 
+import dataclasses
+from typing import Any
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -11,6 +14,7 @@ from jaxfem import sweeping
 from jaxfem.solvers import Status
 from jaxfem.sweeping.outputs import PointPath
 from jaxfem.sweeping.result import write_csv
+from jaxfem.sweeping.taking import Taken
 
 CELLS, TIP, DT, STEPS = (2, 1, 1), (0.1, 0.015, 0.015), 5e-3, 10
 
@@ -141,6 +145,16 @@ def test_tables_keep_every_bit(tmp_path):
     assert all((read[name] == values[name]).all() for name in values)
 
 
+@dataclasses.dataclass(frozen=True)
+class Answering(sweeping.outputs.Output):
+    """An output of one's own, without a word, that answers what it holds."""
+
+    answer: Any
+
+    def measured(self, model):
+        return self.answer
+
+
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -174,6 +188,15 @@ def test_tables_keep_every_bit(tmp_path):
         ({"outputs": {"tip": PointPath("tip")}}, "give x, y and z"),
         ({"outputs": {"f": sweeping.outputs.Frequencies(2.5)}}, 'output "f": count is 2.5: give a whole number'),
         ({"outputs": {"f": sweeping.outputs.Frequencies(999)}}, 'output "f": count is 999'),
+        (
+            {"outputs": {"f": Answering(None)}},
+            'output "f": `measured` of Answering gives None; .* a function of the run',
+        ),
+        (
+            {"outputs": {"f": Taken(Answering(lambda run: 1.0))}},
+            "gives 1.0; it must give an array with an entry for each",
+        ),
+        ({"outputs": {"f": lambda run: {}}}, 'output "f" gave nothing; give an array'),
         ({"change": lambda params, state, values: params}, "change gave a Params; give"),
         ({"devices": []}, "give some of jax.local_devices"),
         ({"devices": 2}, "give some of jax.local_devices"),

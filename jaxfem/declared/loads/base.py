@@ -12,12 +12,15 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import asked, described, is_array, odd_leaf
+from jaxfem.answers import TEXT, Wanted, asked, described, flaw_of, is_array, odd_leaf
 from jaxfem.declared.errors import SceneError, refuse_traced
 from jaxfem.loads import ResolvedLoad, WeightedForce
 from jaxfem.mesh import TetMesh
 from jaxfem.pytrees import on_device
 from jaxfem.registry import Registry
+
+PLACE = Wanted('"nodes", "faces" or "point"', lambda value: value in ("nodes", "faces", "point"))
+"""The fields that say where a load acts."""
 
 
 class Loaded(Protocol):
@@ -58,6 +61,8 @@ class Load:
                 f'the load "{kind}" ({cls.__name__}) needs `place` ("nodes", "faces" or "point"), `amount` and `unit`, '
                 "a field for each of the first two, and `resolved`"
             )
+        if flaw := flaw_of(cls, {"place": PLACE, "unit": TEXT}):
+            raise TypeError(f'the load "{kind}" ({cls.__name__}) has {flaw}')
         cls.word = kind
         LOADS.add(kind, cls)
 
