@@ -53,7 +53,7 @@ def test_what_may_pass_between_chosen_points_is_told():
         index = BodyIndex(soft, [x.name for x in soft], rigid, [x.name for x in rigid])
         with warnings.catch_warnings(record=True) as caught:
             warnings.simplefilter("always")
-            warn_between_points(meeting_of(jf.Contact(body, other, **chosen), index, "contact 0"))
+            warn_between_points(meeting_of(jf.Contact(body, other, **chosen), index, "contact 0", float))
         return [str(each.message) for each in caught]
 
     assert (
