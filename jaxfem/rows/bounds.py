@@ -149,4 +149,5 @@ def _placed(name: str, bounds: Bounds, sides: Mapping[str, Array], impulse: Arra
     low, up = bounds[0][name], bounds[1][name]
     if low is None or up is None:
         return impulse
-    return jnp.where(sides[name] < 0, low, jnp.where(sides[name] == 1, up, impulse))
+    kept = jnp.where(sides[name] == HELD, jax.lax.stop_gradient(impulse), impulse)
+    return jnp.where(sides[name] < 0, low, jnp.where(sides[name] == 1, up, kept))

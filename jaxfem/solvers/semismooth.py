@@ -98,13 +98,12 @@ def minimize_with_rows(
     matvec: d -> S d, S symmetric positive definite.  preconditioner: stiffness of the rows in play (zero for others)
     -> an SPD approximation of (S + J' stiffness J)^-1.  stiffened: stiffness -> the product with S + J' stiffness J,
     where there is a faster one than by the rows.
-    Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most
-    max(tol times its value at the start with no impulses, absolute). max_iterations counts the inner iterations of
-    conjugate gradients, as info.iterations does. `follow`: (impulses, slack) -> bounds, where these depend on other
-    rows' impulses (friction): each move of the centre takes them anew, and the violation is judged by the new ones
-    (Haslinger's fixed point, 1983, without a loop of its own); `terms` then holds the first bounds. `sharpest`: where
-    the share of compliance ends; near one where the preconditioner bears stiff rows badly.
-    No derivative rule. vmap-safe: a lane that has arrived stays as it is.
+    Stops when sqrt(|gradient + S d - J' lam|^2 + |J' violation|^2), see `RowTerms.violation`, is at most max(tol times
+    its value at the start with no impulses, absolute). max_iterations counts the inner iterations of conjugate
+    gradients, as info.iterations does. `follow`: (impulses, slack) -> bounds, where these depend on other rows'
+    impulses (friction): each move of the centre takes them anew, and the violation is judged by the new ones (Haslinger
+    1983, in the same loop); `terms` holds the first. `sharpest`: where the share of compliance ends; near one where the
+    preconditioner bears stiff rows badly. No derivative rule. Lanes that have arrived stay.
     """
     first, target, scale = started(rows, terms, gradient, tol, absolute)
 

@@ -9,6 +9,7 @@ import pytest
 from derivatives import Parted
 from row_scenes import free_beam, random_scene, solved, system_of
 
+import jaxfem as jf
 from jaxfem.methods import Condensed, Mprgp
 
 SEEDS = range(20)
@@ -130,3 +131,45 @@ def test_a_row_that_touches_without_force_is_counted():
     both = (jax.jit(functools.partial(solved, method)) for method in (Condensed(), Mprgp()))
     counts = [each(bounded, state).info.weakly_active for each in both]
     assert counts == [1, 1]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("velocity", [(1.0, 0.0, 0.0), (0.6, -0.8, 0.0)])
+def test_a_coefficient_of_zero_has_the_derivative_of_what_slides(velocity):
+    """It was that of friction along both rows, of one sign whichever way the cube slid; with status 0."""
+    cube = jf.SoftBody(jf.mesh.box((0.2, 0.2, 0.2), 1), young=1e5, poisson=0.0, density=1e3)
+    scene = jf.Scene([cube], contacts=[jf.Contact(cube, jf.Plane(), friction=0.3)])
+    model, params, state = jf.build(scene, solver="condensed", tolerance=1e-10)
+    ((name, values),) = params.contacts.items()
+    start = state.replace(velocities=jnp.broadcast_to(jnp.asarray(velocity), state.velocities.shape))
+
+    @jax.jit
+    def after(friction):
+        rubbed = values.replace(friction=friction * jnp.ones_like(values.friction))
+        return jf.step(model, params.replace(contacts={name: rubbed}), start, 1e-2)[0].velocities[:, :2]
+
+    wanted = (after(1e-6) - after(0.0)) / 1e-6
+    np.testing.assert_allclose(jax.jit(jax.jacrev(after))(0.0), wanted, atol=1e-5)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(after))(0.0), wanted, atol=1e-5)
+    assert np.abs(wanted).max() > 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("velocity", [(0.0, -1.0, 0.0), (0.0, 0.0, 0.0)])
+def test_a_coefficient_of_zero_has_no_derivative_at_rest(velocity):
+    cube = jf.SoftBody(
+        jf.mesh.box((0.2, 0.2, 0.2), 1, origin=(1, 0, 1)), young=1e5, poisson=0.3, density=1e3, fixed="x-"
+    )
+    ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 0.1))
+    scene = jf.Scene([cube, ball], contacts=[jf.Contact(ball, jf.Plane(), friction=0.3)])
+    model, params, state = jf.build(scene, solver="condensed", tolerance=1e-10)
+    ((name, values),) = params.contacts.items()
+    start = state.replace(rigid=state.rigid.replace(velocities=jnp.asarray([velocity])))
+
+    def after(friction):
+        rubbed = values.replace(friction=friction * jnp.ones_like(values.friction))
+        return jf.step(model, params.replace(contacts={name: rubbed}), start, 1e-2)[0].rigid.velocities[0, :2]
+
+    wanted = -9.81e-2 * np.asarray(velocity)[:2]
+    np.testing.assert_allclose(jax.jit(jax.jacrev(after))(0.0), wanted, atol=1e-9)
+    np.testing.assert_allclose(jax.jit(jax.jacfwd(after))(0.0), wanted, atol=1e-9)

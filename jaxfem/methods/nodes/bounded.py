@@ -22,7 +22,7 @@ from jaxfem.indexing import gather
 from jaxfem.methods.nodes.assembly import BlockMatrix
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.cone import cone_residual, width
-from jaxfem.methods.nodes.extra_terms import bounds_of, following, held_rows, tangent_terms, terms_at
+from jaxfem.methods.nodes.extra_terms import bounds_of, following, held_rows, tangent_terms, terms_at, without_room
 from jaxfem.methods.nodes.preconditioner import coarse_correction, coarse_matrix
 from jaxfem.methods.nodes.row_coarse import coarse_space
 from jaxfem.methods.nodes.row_stiffness import RowStiffness, few, local_compliance, smoother, stiffened
@@ -58,6 +58,7 @@ def pair_gradient(system: System, unknown: Pair) -> Pair:
 def row_gradient(system: System, velocities: Array, impulses: Impulses) -> Pair:
     """What the extra rows are in it: J' lam (n, 3), with what is at a bound put on it, and what is left of the rows."""
     sides = without_cones(system.friction, sides_of(bounds_of(system, impulses), impulses))
+    sides = without_room(system, velocities, impulses, sides)
     on_bound = placed_at_bounds(system.extra, system.friction, sides, impulses)
     pushed = jnp.zeros_like(velocities)
     residuals = OrderedDict()

@@ -5,14 +5,18 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.methods.nodes.cone import sliding, wished_impulses
-from jaxfem.rows.bounds import Bounds, Impulses, friction_radii, named, row_bounds, sides_of
+from jaxfem.methods.nodes.cone import sliding, width, wished_impulses
+from jaxfem.rows.bounds import HELD, Bounds, Impulses, friction_radii, named, row_bounds, sides_of
 from jaxfem.solvers.row_terms import Blocks, RowTerms
 from jaxfem.solvers.semismooth import Follow
 from jaxfem.system.soft import System
+from jaxfem.tensors import inner
 
 Array = jax.Array
 Sides = tuple[Array | None, ...]
+
+STILL = 10.0
+"""Times the tolerance: what moves no faster, as a share of the energy of the unbound motion, does not slide."""
 
 
 def bounds_of(system: System, impulses: Impulses, wished: Impulses | None = None) -> Bounds:
@@ -36,6 +40,21 @@ def held_rows(system: System, impulses: Impulses) -> Blocks:
     """Masks of the extra rows that derivatives hold at a bound."""
     sides = sliding(system, impulses, sides_of(bounds_of(system, impulses), impulses))
     return tuple(side != 0 for side in sides.values())
+
+
+def without_room(system: System, velocities: Array, impulses: Impulses, sides: Impulses) -> Impulses:
+    """`sides` with friction rows of a pyramid that have no impulse at the bound against their way, or held where they
+    do not move: so a coefficient of 0 has the derivative of what slides. `velocities` (n, 3): of all triples."""
+    moved = sides.copy()
+    energy = inner(system.target, system.mass[:, None] * system.target)
+    for name, each in system.friction.items():
+        if not each.cone:
+            rows, lam = system.extra[name], impulses[name]
+            way = jax.lax.stop_gradient(rows.bias - rows.apply(velocities) - rows.compliance * lam)
+            still = jnp.abs(way) <= STILL * system.tolerance * jnp.sqrt(width(system, rows) * energy)
+            against = jnp.where(still, HELD, jnp.where(way < 0, -1, 1))
+            moved[name] = jnp.where((lam == 0) & (sides[name] != 0), against, sides[name]).astype(sides[name].dtype)
+    return moved
 
 
 def tangent_terms(system: System, held: Blocks, right: Blocks) -> RowTerms:
