@@ -8,7 +8,7 @@ from hard.case import Setting, Told, Wanted, case
 from hard.jointed import motor
 from hard.running import CHUNK, EVERY, World
 from hard.worlds import DT, LOOSE, RIGID, SOFT, chain, changed, floor_cube, free_cube, ground, loose_box
-from jaxfem.stepping.checks import typed
+from jaxfem.stepping.entering import typed
 from jaxfem.stepping.step import _rollout
 
 
