@@ -63,6 +63,8 @@ def _is_array(value: Any) -> bool:
 def _cast(dtype: Any, leaf: Any) -> Array:
     """One array; TypeError, ValueError or ArithmeticError where it cannot be one."""
     held = getattr(leaf, "dtype", None)
+    if held == dtype and isinstance(leaf, jax.Array) and not leaf.weak_type:
+        return leaf
     if isinstance(leaf, REFUSED) or (held is not None and held != dtype and np.dtype(held).kind not in REAL):
         raise TypeError("no real number")
     return jnp.asarray(leaf, dtype)
