@@ -99,8 +99,7 @@ def test_a_solid_is_told_which_mass_properties_are_wrong(answer):
     text = "Wrong: `mass_properties` gives .*; it must give three values, a volume .m.3., a centre"
     with pytest.raises(jf.SceneError, match=f'the shape of "mine", {text}'):
         jf.build(jf.Scene([jf.RigidBody(wrong(1.0), density=1.0, name="mine")]))
-    with pytest.raises(jf.SceneError, match=f'the ground of "Contact", {text}'):
-        jf.Contact(BALL, wrong(1.0))
+    jf.Contact(BALL, wrong(1.0))  # of the ground no mass is asked: a surface may be open
 
 
 @pytest.mark.parametrize("inertia", ["round", [[1.0, 2.0], [3.0]], np.ones(3)])
