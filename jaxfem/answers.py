@@ -157,8 +157,8 @@ def flaw_of(given: Any, kinds: Mapping[str, Wanted]) -> str:
 
 
 def is_number(value: Any) -> bool:
-    """Whether it is one real number of Python's or NumPy's."""
-    return isinstance(value, int | float | np.integer | np.floating) and not isinstance(value, bool)
+    """Whether it is one real number, of Python's, NumPy's or JAX's."""
+    return not isinstance(value, bool) and _single(value, jnp.integer, jnp.floating)
 
 
 def _single(value: Any, *types: Any) -> bool:
@@ -170,7 +170,7 @@ def _is_interval(value: Any) -> bool:
     return isinstance(value, tuple) and len(value) == 2 and all(map(is_number, value)) and bool(value[0] < value[1])
 
 
-FLAG = Wanted("True or False", lambda value: isinstance(value, bool))
+FLAG = Wanted("True or False", lambda value: isinstance(value, bool | np.bool_))
 TEXT = Wanted("a text", lambda value: isinstance(value, str))
 NUMBER = Wanted("a number", is_number)
 WHOLE = Wanted("an integer", lambda value: isinstance(value, int) and not isinstance(value, bool))

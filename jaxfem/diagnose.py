@@ -119,6 +119,7 @@ def _stands_still(states: State, status: np.ndarray) -> bool:
     """Whether time does not go on from one state to the next, though one of both converged: so it is with lanes of a
     batch. A run that stopped repeats its last state, with the status for which it did."""
     times, dropped = (np.asarray(each) for each in (states.time, 0 if states.carry is None else states.carry.time))
+    times, status = np.atleast_1d(times), np.atleast_1d(status)
     same = (np.diff(times) <= 0) & (np.diff(np.broadcast_to(dropped, times.shape)) == 0)
     return bool((same & ((status[:-1] == 0) | (status[1:] == 0))).any())
 

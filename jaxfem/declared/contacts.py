@@ -6,7 +6,6 @@ from typing import Any
 
 from jaxfem.declared.errors import SceneError, checked_number, refuse_traced
 from jaxfem.inputs import Count, Flag, Nodes, Number, Text, Vertices, takes
-from jaxfem.rigid.shapes.answers import touching_flaw
 from jaxfem.rigid.shapes.base import Shape, obstacles
 
 
@@ -89,5 +88,3 @@ class Contact:
             raise SceneError(f'"{self.label}" has a {type(ground).__name__} for ground; ground is one of {known}')
         if flaw := ground.flaw(f"the ground of {self.label}"):
             raise SceneError(flaw)
-        if ground.is_solid() and (flaw := touching_flaw(ground)):
-            raise SceneError(f'the ground of "{self.label}", {type(ground).__name__}: {flaw}')

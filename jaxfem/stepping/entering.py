@@ -20,8 +20,6 @@ Array = jax.Array
 OTHERS = ("dt", "forces")
 REFUSED = (str, bytes, complex)
 """Types that NumPy would make numbers of, or cut down to numbers."""
-REAL = "biuf"
-"""Kinds of NumPy's types that are real numbers."""
 
 
 def typed(model: Model, *values: Any, others: Sequence[str] = OTHERS) -> Any:
@@ -60,12 +58,17 @@ def _is_array(value: Any) -> bool:
     )
 
 
+def _is_real(dtype: Any) -> bool:
+    """Whether it is a type of real numbers, such as NumPy does not know (bfloat16) too."""
+    return any(jnp.issubdtype(dtype, each) for each in (jnp.bool_, jnp.integer, jnp.floating))
+
+
 def _cast(dtype: Any, leaf: Any) -> Array:
     """One array; TypeError, ValueError or ArithmeticError where it cannot be one."""
     held = getattr(leaf, "dtype", None)
     if held == dtype and isinstance(leaf, jax.Array) and not leaf.weak_type:
         return leaf
-    if isinstance(leaf, REFUSED) or (held is not None and held != dtype and np.dtype(held).kind not in REAL):
+    if isinstance(leaf, REFUSED) or (held is not None and held != dtype and not _is_real(held)):
         raise TypeError("no real number")
     return jnp.asarray(leaf, dtype)
 

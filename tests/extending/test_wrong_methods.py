@@ -174,6 +174,19 @@ def test_an_elasticity_that_is_none(answer):
         jf.energies(*scene)
 
 
+def test_one_number_of_whichever_library_is_a_number():
+    for low in (0, 0.0, np.array(0.0), np.float32(0), jnp.float32(0)):
+        jf.Constant("share", "", "must be > 0", low=low)
+    with pytest.raises(TypeError):
+        jf.Constant("share", "", "must be > 0", low=np.zeros(2))
+
+
+def test_params_of_a_short_type_are_real_numbers():
+    model, params, state = built(Condensed())
+    short = params.replace(gravity=jnp.asarray(params.gravity, jnp.bfloat16))
+    assert int(jf.step(model, short, state, 1e-2)[1].status) == 0
+
+
 def test_rounds_that_are_none():
     scene = built(wrong(round=lambda self, *given: None), rotation_update="implicit")
     with pytest.raises(TypeError, match=r"`round` of Wrong gives None; it must give a Solved with velocities \(8, 3\)"):
