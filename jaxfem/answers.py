@@ -158,7 +158,7 @@ def flaw_of(given: Any, kinds: Mapping[str, Wanted]) -> str:
 
 def is_number(value: Any) -> bool:
     """Whether it is one real number, of Python's, NumPy's or JAX's."""
-    return not isinstance(value, bool) and _single(value, jnp.integer, jnp.floating)
+    return _single(value, jnp.integer, jnp.floating)
 
 
 def _single(value: Any, *types: Any) -> bool:
@@ -176,4 +176,4 @@ NUMBER = Wanted("a number", is_number)
 WHOLE = Wanted("an integer", lambda value: isinstance(value, int) and not isinstance(value, bool))
 INTERVAL = Wanted("two numbers, the lower one first", _is_interval)
 COUNT = Wanted("one integer ()", lambda value: _single(value, jnp.integer))
-REAL = Wanted("one real number ()", lambda value: _single(value, jnp.integer, jnp.floating))
+REAL = Wanted("one real number ()", is_number)

@@ -184,3 +184,10 @@ def test_a_run_that_stopped_repeats_its_last_state(soft):
     forces = jnp.zeros((4, *model.rest.shape)).at[1].set(jnp.nan)
     found = jf.diagnose(model, params, *jf.rollout(model, params, state, 1e-2, 4, forces=forces, on_failure="stop"))
     assert found.step == 2
+
+
+def test_one_saved_step_of_a_run_is_a_run(soft):
+    model, params, state = soft
+    states, infos = jf.rollout(model, params, state, 1e-2, 1)
+    assert jf.diagnose(model, params, states, infos).ok
+    assert jf.diagnose(model, params, states, at(0, infos)).ok

@@ -112,15 +112,23 @@ class RowMethod(Method):
 
 def _flaw(rows: OrderedDict[str, Rows], target: Array, solved: Any) -> str:
     """What is wrong with a solution; empty where nothing is."""
-    shape, dtype = jnp.shape(target), target.dtype
-    if not isinstance(solved, Solved) or not is_exact(solved.velocities, [shape], dtype):
-        given = described(solved.velocities) if isinstance(solved, Solved) else described(solved)
-        return f"{given}; it must give a Solved, with velocities {shape} of all triples, impulses and info"
+    if flaw := solved_flaw(solved, target):
+        return flaw
+    dtype = target.dtype
     impulses: Any = {} if solved.impulses is None else solved.impulses
     known = isinstance(impulses, Mapping) and {*impulses} == {*rows}
     if not known or not all(is_exact(impulses[name], [each.bias.shape], dtype) for name, each in rows.items()):
         wanted = ", ".join(f'"{name}" {each.bias.shape}' for name, each in rows.items()) or "none"
         return f"impulses that are {jax.tree.map(described, impulses)}; it must give those of the rows: {wanted}"
+    return ""
+
+
+def solved_flaw(solved: Any, like: Array) -> str:
+    """What is wrong with a solution but for its impulses; empty where nothing is. Velocities are as `like` (n, 3)."""
+    shape = jnp.shape(like)
+    if not isinstance(solved, Solved) or not is_exact(solved.velocities, [shape], like.dtype):
+        given = described(solved.velocities) if isinstance(solved, Solved) else described(solved)
+        return f"{given}; it must give a Solved, with velocities {shape} of all triples, impulses and info"
     if not isinstance(solved.info, SolveInfo):
         return f"info = {described(solved.info)}; it must give a SolveInfo"
     flaw = flaw_of(solved.info, SOLVED)

@@ -13,10 +13,10 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.answers import described, is_exact
+from jaxfem.answers import described
 from jaxfem.materials.constants import Constant
 from jaxfem.methods.base import Facts, Method, Solved
-from jaxfem.methods.by_rows import Impulses
+from jaxfem.methods.by_rows import Impulses, solved_flaw
 from jaxfem.methods.ending import ended
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
 from jaxfem.methods.nodes.preconditioner import two_level
@@ -181,19 +181,18 @@ def _system(inputs: _Inputs, around: Array) -> System:
     return step_system(i.model, i.params, i.state, i.dt, i.forces, around)
 
 
-def _is_round(answer: Any, like: Array) -> bool:
-    pair = isinstance(answer, tuple) and len(answer) == 2 and isinstance(answer[0], Solved)
-    return pair and is_exact(answer[0].velocities, [like.shape], like.dtype) and isinstance(answer[0].info, SolveInfo)
+def _round_flaw(answer: Any, like: Array) -> str:
+    if isinstance(answer, tuple) and len(answer) == 2:
+        return solved_flaw(answer[0], like)
+    wanted = f"a Solved with velocities {like.shape}, and whether nothing is left to do"
+    return f"{described(answer)}; it must give {wanted}"
 
 
 def _round(inner: InRounds, cache: Any, s: _Rounds, system: System, residual: Array) -> _Rounds:
     """One solve of the method inside, with the rotations of the last."""
     answer: Any = inner.round(system, cache, s.velocities, s.impulses, s.target)
-    if not _is_round(answer, s.velocities):
-        raise TypeError(
-            f"`round` of {type(inner).__name__} gives {described(answer)}; it must give a Solved with velocities "
-            f"{s.velocities.shape}, and whether nothing is left to do"
-        )
+    if flaw := _round_flaw(answer, s.velocities):
+        raise TypeError(f"`round` of {type(inner).__name__} gives {flaw}")
     found, nothing_left = answer
     info = found.info
     s = s.replace(status=jnp.where(nothing_left, info.status, s.status).astype(jnp.int32))

@@ -110,6 +110,20 @@ HELD = 2
 """A side: the impulse neither follows a bound nor moves freely between them."""
 
 
+STILL = 10.0
+"""Times the tolerance: what slides no faster, in the measure of residuals, does not slide."""
+
+
+def turned(sides: Array, impulses: Array, speed: Array, still: Array) -> Array:
+    """Sides of friction rows with those that have no room between their bounds at the one against their way.
+
+    `still`: which of them do not move; they are held. So a coefficient of 0 has the derivative of what slides.
+    """
+    bare = (impulses == 0) & (sides != 0)
+    against = jnp.where(still, HELD, jnp.where(speed > 0, -1, 1))
+    return jnp.where(bare, against, sides).astype(sides.dtype)
+
+
 def sides_of(bounds: Bounds, impulses: Mapping[str, Array]) -> Impulses:
     """-1 where an impulse is at or below its lower bound or between equal ones, 1 at its upper, 0 between."""
 

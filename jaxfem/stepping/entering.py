@@ -3,7 +3,7 @@
 What is fine is cast and nothing else. Only where that fails is looked for what it was, to name it.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -31,22 +31,23 @@ def typed(model: Model, *values: Any, others: Sequence[str] = OTHERS) -> Any:
     """
     if not isinstance(model, Model):
         raise StepError(f"the first argument is a {type(model).__name__}; the order is (model, params, state)")
-    cast = partial(_cast, model.rest.dtype)
+    dtype = model.rest.dtype
     try:
         with np.errstate(over="raise"):
-            return tuple(_entered(cast, partial(_remembered, model.rest.dtype), value) for value in values)
+            return tuple(_entered(dtype, value) for value in values)
     except (TypeError, ValueError, ArithmeticError):
         for name, leaf in _named(values, others):
-            _refuse(cast, name, leaf)
+            _refuse(dtype, name, leaf)
         raise
 
 
-def _entered(cast: Callable[[Any], Array], keep: Callable[[Any], Array], value: Any) -> Any:
+def _entered(dtype: Any, value: Any) -> Any:
+    cast = partial(_cast, dtype)
     if isinstance(value, Params) and isinstance(value.loads, list):  # one value a load, as in a tuple
         value = value.replace(loads=tuple(value.loads))
     if not isinstance(value, State):
         return jax.tree.map(cast, value, is_leaf=_is_array)
-    memory, internal = jax.tree.map(keep, (value.memory, value.internal))
+    memory, internal = jax.tree.map(partial(_remembered, dtype), (value.memory, value.internal))
     bare: State = jax.tree.map(cast, value.replace(memory=None, internal=None), is_leaf=_is_array)
     return bare.replace(memory=memory, internal=internal)
 
@@ -93,13 +94,12 @@ def _named(values: Sequence[Any], others: Sequence[str]) -> Iterator[tuple[str, 
             yield next(further, "a value"), value
 
 
-def _refuse(cast: Callable[[Any], Array], name: str, leaf: Any) -> None:
+def _refuse(dtype: Any, name: str, leaf: Any) -> None:
     """StepError where a leaf cannot be cast."""
     try:
         with np.errstate(over="raise"):
-            jax.tree.map(cast, leaf, is_leaf=_is_array)
+            jax.tree.map(partial(_cast, dtype), leaf, is_leaf=_is_array)
     except ArithmeticError:
-        dtype = cast.args[0] if isinstance(cast, partial) else ""
         raise StepError(
             f"{name} is {_shown(leaf)}, more than {dtype} holds ({float(jnp.finfo(dtype).max):.2g} at most): give less"
             + (", or build with dtype = float64" if dtype == jnp.float32 else "")

@@ -4,10 +4,12 @@ Shapes alone are looked at: traced params and lanes of a batch have them too.
 """
 
 import dataclasses
+import functools
 from collections.abc import Iterator, Mapping
 from typing import Any
 
 import jax
+import jax.numpy as jnp
 
 from jaxfem.answers import described
 from jaxfem.loads import ResolvedLoad
@@ -41,11 +43,21 @@ def _serves(model: Model, load: ResolvedLoad, value: Any, like: Any) -> bool:
     shape = getattr(value, "shape", None)
     if shape is None or shape[-1:] != like.shape[-1:]:
         return False
+    leaves, kind = jax.tree.flatten(load)
+    rest = model.rest.shape, model.rest.dtype
+    return _forces_all(kind, tuple((jnp.shape(leaf), jnp.result_type(leaf)) for leaf in leaves), shape, rest)
+
+
+@functools.lru_cache(maxsize=256)
+def _forces_all(kind: Any, leaves: tuple[Any, ...], shape: tuple[int, ...], rest: tuple[Any, Any]) -> bool:
+    """Whether a load of such leaves makes a force on all nodes of a value of that shape; looked at once for each."""
+    load: Any = jax.tree.unflatten(kind, [jax.ShapeDtypeStruct(*leaf) for leaf in leaves])
+    given = jax.ShapeDtypeStruct(shape, rest[1]), jax.ShapeDtypeStruct(*rest)
     try:
-        force = jax.eval_shape(lambda own, *given: own.force(*given), load, value, model.rest)
+        force: Any = jax.eval_shape(lambda own, *given: own.force(*given), load, *given)
     except (TypeError, ValueError):
         return False
-    return bool(force.shape == model.rest.shape)
+    return bool(force.shape == rest[0])
 
 
 def _flaws(given: Any, wanted: Any, name: str) -> Iterator[tuple[str, str]]:

@@ -20,7 +20,7 @@ from jaxfem.methods.allrows.flat import flat, flat_rows, split
 from jaxfem.methods.allrows.operator import RowOperator, row_operator, velocities_from
 from jaxfem.methods.base import Solved
 from jaxfem.pytrees import Pytree
-from jaxfem.rows.bounds import HELD, Impulses, named, placed_at_bounds, without_cones
+from jaxfem.rows.bounds import HELD, STILL, Impulses, named, placed_at_bounds, turned, without_cones
 from jaxfem.solvers import trees
 from jaxfem.solvers.bicgstab import bicgstab
 from jaxfem.solvers.differentiation import solved
@@ -33,7 +33,6 @@ from jaxfem.system.soft import System
 Array = jax.Array
 
 TRACED = 1e-3  # of the trace of compliance: tolerance of derivatives with friction
-STILL = 10.0  # times the tolerance: what slides no faster, in the measure of residuals, does not slide
 MET = 10.0  # times the tolerance: the residual, not preconditioned, with which a derivative's solve has converged
 PATIENCE = 4  # iterations a row, after which a matrix that is not too large is eliminated
 
@@ -107,8 +106,7 @@ def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
 
     Of redundant points at rest, as the corners of a box, some may push against others with all that they can, and only
     a trace of compliance says that they need not. Held at their bounds they would be said to follow these. What has no
-    room between its bounds is at the one against its way, or held where it does not move: so a coefficient of 0 has its
-    derivative.
+    room between its bounds is `turned`.
     """
     if not system.friction:
         return sides
@@ -118,9 +116,8 @@ def _sliding(system: System, impulses: Impulses, sides: Impulses) -> Impulses:
     moved = sides.copy()
     for name in system.friction:
         still = jnp.abs(speed[name]) <= least * jnp.sqrt(operator.diagonal[name])
-        bare = (impulses[name] == 0) & (sides[name] != 0)
-        against = jnp.where(still, HELD, jnp.where(speed[name] > 0, -1, 1))
-        moved[name] = jnp.where(bare, against, jnp.where(still, 0, sides[name])).astype(sides[name].dtype)
+        own = turned(sides[name], impulses[name], speed[name], still)
+        moved[name] = jnp.where(still & (own != HELD), 0, own)
     return moved
 
 

@@ -6,7 +6,7 @@ import jax
 import jax.numpy as jnp
 
 from jaxfem.methods.nodes.cone import sliding, width, wished_impulses
-from jaxfem.rows.bounds import HELD, Bounds, Impulses, friction_radii, named, row_bounds, sides_of
+from jaxfem.rows.bounds import STILL, Bounds, Impulses, friction_radii, named, row_bounds, sides_of, turned
 from jaxfem.solvers.row_terms import Blocks, RowTerms
 from jaxfem.solvers.semismooth import Follow
 from jaxfem.system.soft import System
@@ -14,9 +14,6 @@ from jaxfem.tensors import inner
 
 Array = jax.Array
 Sides = tuple[Array | None, ...]
-
-STILL = 10.0
-"""Times the tolerance: what moves no faster, as a share of the energy of the unbound motion, does not slide."""
 
 
 def bounds_of(system: System, impulses: Impulses, wished: Impulses | None = None) -> Bounds:
@@ -43,17 +40,17 @@ def held_rows(system: System, impulses: Impulses) -> Blocks:
 
 
 def without_room(system: System, velocities: Array, impulses: Impulses, sides: Impulses) -> Impulses:
-    """`sides` with friction rows of a pyramid that have no impulse at the bound against their way, or held where they
-    do not move: so a coefficient of 0 has the derivative of what slides. `velocities` (n, 3): of all triples."""
+    """`sides` with friction rows of a pyramid that have no room `turned`; `velocities` (n, 3): of all triples."""
+    if not system.friction:
+        return sides
     moved = sides.copy()
     energy = inner(system.target, system.mass[:, None] * system.target)
     for name, each in system.friction.items():
         if not each.cone:
             rows, lam = system.extra[name], impulses[name]
-            way = jax.lax.stop_gradient(rows.bias - rows.apply(velocities) - rows.compliance * lam)
-            still = jnp.abs(way) <= STILL * system.tolerance * jnp.sqrt(width(system, rows) * energy)
-            against = jnp.where(still, HELD, jnp.where(way < 0, -1, 1))
-            moved[name] = jnp.where((lam == 0) & (sides[name] != 0), against, sides[name]).astype(sides[name].dtype)
+            speed = jax.lax.stop_gradient(rows.apply(velocities) + rows.compliance * lam - rows.bias)
+            still = jnp.abs(speed) <= STILL * system.tolerance * jnp.sqrt(width(system, rows) * energy)
+            moved[name] = turned(sides[name], lam, speed, still)
     return moved
 
 
