@@ -1,6 +1,8 @@
 """Frozen dataclasses that JAX sees as pytrees: the only kind of object that enters a compiled function."""
 
 import dataclasses
+import operator
+from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Self, dataclass_transform
 
 import jax
@@ -23,15 +25,50 @@ class Pytree:
         super().__init_subclass__(**kwargs)
         made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
         fields = dataclasses.fields(made)
-        jax.tree_util.register_dataclass(
+        _register(
             made,
-            data_fields=[f.name for f in fields if not f.metadata.get("static")],
-            meta_fields=[f.name for f in fields if f.metadata.get("static")],
+            parts=tuple(f.name for f in fields if not f.metadata.get("static")),
+            fixed=tuple(f.name for f in fields if f.metadata.get("static")),
         )
 
     def replace(self, **changes: Any) -> Self:
         """The same with some fields changed."""
         return dataclasses.replace(self, **changes)
+
+
+def _register(made: type, parts: tuple[str, ...], fixed: tuple[str, ...]) -> None:
+    """Tell JAX of a class: the fields `parts` are its children, and those `fixed` belong to its structure.
+
+    Not by `jax.tree_util.register_dataclass`: structures of two such classes with fields of the same numbers are equal
+    (JAX 0.10), and where their hashes happen to share seven bits the one runs the program compiled for the other.
+    """
+
+    own, given = _reader(parts), _reader(fixed)
+    prepares = hasattr(made, "__post_init__")
+    keys, names = [jax.tree_util.GetAttrKey(name) for name in parts], (*parts, *fixed)
+
+    def flat(whole: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
+        return own(whole), given(whole)
+
+    def named(whole: Any) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
+        return list(zip(keys, own(whole), strict=True)), given(whole)
+
+    def whole(given: tuple[Any, ...], children: Iterable[Any]) -> Any:
+        # The constructor of a frozen class takes as long as all else here, and each call of a step comes through here.
+        if prepares:
+            return made(**dict(zip(names, (*children, *given), strict=True)))
+        again: Any = object.__new__(made)
+        again.__dict__.update(zip(names, (*children, *given), strict=True))
+        return again
+
+    jax.tree_util.register_pytree_with_keys(made, named, whole, flat)
+
+
+def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:
+    """What gives the values of these fields."""
+    if len(names) > 1:
+        return operator.attrgetter(*names)
+    return lambda whole: tuple([getattr(whole, name) for name in names])
 
 
 def outline(tree: Any) -> tuple[Any, tuple[tuple[int, ...], ...]]:
