@@ -63,9 +63,12 @@ def is_exact(value: Any, shapes: Sequence[Shape], dtype: Any) -> bool:
 
     Numbers of Python, and what is made of them alone, have no precision of their own.
     """
-    if not is_array(value, shapes, dtype) or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
+    if not is_array(value, shapes, dtype):
         return False
-    return type(value) is float or bool(getattr(value, "weak_type", False)) or jnp.result_type(value) == dtype
+    if type(value) in (int, float):
+        return True
+    kind = jnp.result_type(value)
+    return bool(jnp.issubdtype(kind, jnp.floating) and (getattr(value, "weak_type", False) or kind == dtype))
 
 
 def structure(tree: Any) -> Any:

@@ -68,8 +68,7 @@ def total_elastic_energy(model: Model, params: Params, positions: Array, interna
     """Elastic energy of all bodies at `positions` (n, 3) [J]; `internal`: what their materials remember."""
     own = own_elasticity(model, params, positions, jnp.zeros_like(positions))
     if own is not None:
-        total: Array = own.energy
-        return total
+        return jnp.asarray(own.energy, positions.dtype)
     materials = resting_materials(model, params, internal)
     energy = elastic_energy(model.domains, positions, materials, model.rotation_kind)
     return energy if internal is None else energy + beside_strain(model, params, internal)

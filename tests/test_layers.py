@@ -2,6 +2,7 @@
 
 import ast
 import pathlib
+import re
 import subprocess
 import sys
 
@@ -51,6 +52,15 @@ def imported(path: pathlib.Path) -> set[str]:
 def test_every_module_has_a_layer():
     modules = {p.name.removesuffix(".py") for p in ROOT.iterdir() if p.suffix == ".py" or (p / "__init__.py").exists()}
     assert modules - {"__init__", "__main__", "__pycache__"} == set(LEVEL)
+
+
+def test_the_overview_has_every_module_in_the_order_of_the_layers():
+    page = (ROOT.parent / "docs" / "architecture.md").read_text()
+    rows = [line.split("|")[1] for line in page.splitlines() if line.startswith("| `") and line.count("|") == 4]
+    named = [re.findall(r"`(\w+)`", row) for row in rows]
+    assert {name for names in named for name in names} == set(LEVEL)
+    levels = [LEVEL[name] for names in named for name in names]
+    assert levels == sorted(levels)
 
 
 def test_imports_point_to_the_ground():

@@ -1,6 +1,7 @@
 """What a material law is: its constants, its stiffness and damping, and, where it has a memory, what it remembers."""
 
 from collections.abc import Mapping, Sequence
+from functools import cached_property
 from typing import Any, ClassVar, NamedTuple, Self
 
 import jax
@@ -168,7 +169,7 @@ class Material:
         """What is remembered where the `strain` (r, D) was taken to at once, where that differs from `internal0`."""
         return self.internal0(strain)
 
-    @property
+    @cached_property
     def remembers(self) -> bool:
         """Whether the law has a memory."""
         return self.internal0(jnp.zeros((6, 1))) is not None

@@ -119,7 +119,10 @@ def _flaw(rows: OrderedDict[str, Rows], target: Array, solved: Any) -> str:
     known = isinstance(impulses, Mapping) and {*impulses} == {*rows}
     if not known or not all(is_exact(impulses[name], [each.bias.shape], dtype) for name, each in rows.items()):
         wanted = ", ".join(f'"{name}" {each.bias.shape}' for name, each in rows.items()) or "none"
-        return f"impulses that are {jax.tree.map(described, impulses)}; it must give those of the rows: {wanted}"
+        return (
+            f"impulses that are {jax.tree.map(described, impulses)}; it must give those of the rows: {wanted}; "
+            "where it solves for fewer of them, or for none, `solved_rows` says so"
+        )
     return ""
 
 

@@ -15,7 +15,7 @@ import jax.numpy as jnp
 
 from jaxfem.answers import described
 from jaxfem.materials.constants import Constant
-from jaxfem.methods.base import Facts, Method, Solved
+from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.by_rows import Impulses, solved_flaw
 from jaxfem.methods.ending import ended
 from jaxfem.methods.nodes.condensed import condensed_matrix, group_modes
@@ -97,6 +97,16 @@ class ImplicitRotations(Method):
         """As the method inside."""
         found: Mapping[Constant, float] = self.inner.constants()
         return found
+
+    def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity | None:
+        """As the method inside."""
+        found: Elasticity | None = self.inner.elasticity(model, params, positions, rates)
+        return found
+
+    @property
+    def own_elasticity(self) -> bool:
+        """As the method inside."""
+        return bool(self.inner.own_elasticity)
 
     def plan(self, model: Model, params: Params, state: State) -> Any:
         """As the method inside."""

@@ -17,7 +17,7 @@ from jaxfem.sweeping.engines import ENGINES, Engine, Task
 from jaxfem.sweeping.errors import SweepError
 from jaxfem.sweeping.order import sorted_by
 from jaxfem.sweeping.outputs import measuring
-from jaxfem.sweeping.places import STEP, check_places, place_of, stacked
+from jaxfem.sweeping.places import STEP, check_counts, check_places, place_of, stacked
 from jaxfem.sweeping.result import SweepResult, columns
 from jaxfem.sweeping.samples import Variants, checked
 
@@ -61,6 +61,7 @@ class Sweep:
         check_rollout(steps, every, None)
         places = [place_of(name, model, params, state, value) for name, value in first.items() if _takes(name, change)]
         check_places(places)
+        check_counts(places, params, state, self.variants, model.rest.dtype)
         asked = _asked(derivatives, self.variants)
         measure = measuring(model, outputs)
         self.task = Task(model, params, state, dt, steps, every, tuple(places), measure, change, halvings, asked)

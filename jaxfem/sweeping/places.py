@@ -88,6 +88,32 @@ def check_places(places: Sequence[Place]) -> None:
                 )
 
 
+def check_counts(
+    places: Sequence[Place], params: Params, state: State, variants: Mapping[str, np.ndarray], dtype: Any
+) -> None:
+    """SweepError where a count or a flag that is remembered would be cut down to a whole number."""
+    for place in places:
+        if place.root != "state":
+            continue
+        held = jnp.result_type(_at(state, place.keys))
+        if jnp.issubdtype(held, jnp.floating):
+            continue
+        given = variants[place.name]
+        wrong = np.asarray(given, dtype).astype(held) != np.asarray(given)
+        if wrong.any():
+            raise SweepError(
+                f'"{place.name}" is {np.asarray(given)[wrong][0]} in a variant, and holds {held} there: give whole '
+                f"numbers of that type, as far as {np.dtype(dtype)} tells them apart"
+            )
+
+
+def _at(tree: Any, keys: tuple[Key, ...]) -> Any:
+    """What the keys lead to."""
+    for key in keys:
+        tree = getattr(tree, str(key)) if dataclasses.is_dataclass(tree) else tree[key]
+    return tree
+
+
 def placed(
     model: Model, params: Params, state: State, dt: Any, places: list[Place], values: Mapping[str, Any]
 ) -> tuple[Params, State, Any]:
@@ -144,8 +170,9 @@ def _set(tree: Any, keys: tuple[Key, ...], value: Any, name: str) -> Any:
         return dataclasses.replace(tree, **{str(first): _set(getattr(tree, str(first)), rest, value, name)})
     if isinstance(tree, Mapping):
         return {**tree, first: _set(tree[first], rest, value, name)}
-    if isinstance(tree, tuple) and isinstance(first, int):
-        return (*tree[:first], _set(tree[first], rest, value, name), *tree[first + 1 :])
+    if isinstance(tree, tuple | list) and isinstance(first, int):
+        parts = [*tree[:first], _set(tree[first], rest, value, name), *tree[first + 1 :]]
+        return getattr(type(tree), "_make", type(tree))(parts)
     held = jnp.asarray(tree)
     if not isinstance(first, int) or first >= (held.shape[0] if held.ndim else 0):
         raise IndexError(f"{first!r} leads nowhere in numbers of shape {held.shape}")

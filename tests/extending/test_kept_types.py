@@ -120,6 +120,15 @@ def test_what_is_remembered_follows_a_state_in_single_precision_where_it_is_a_nu
     like_notes(at(-1, states), 2)
 
 
+def test_counts_are_swept_as_whole_numbers_alone():
+    (model, params, state), _ = noted()
+    asked = dict(dt=DT, steps=1, outputs={"count": lambda run: run.last.memory[0]})
+    with pytest.raises(jf.sweeping.SweepError, match=r'"state\.memory\[0\]" is 2\.5 in a variant, and holds int'):
+        jf.sweep(model, params, state, {"state.memory[0]": np.array([1.0, 2.5])}, **asked)
+    told = jf.sweep(model, params, state, {"state.memory[0]": np.array([1, 5])}, engine="loop", **asked)
+    assert told["count"].tolist() == [2, 6]
+
+
 @pytest.mark.slow
 def test_lanes_and_derivatives_pass_by_what_is_counted():
     (model, params, state), plain = noted()

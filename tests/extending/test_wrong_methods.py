@@ -140,7 +140,12 @@ STEPS = [
     ("solve", lambda s, *given: given[0].target, TypeError, "`solve` of the method .* it must give a Solved"),
     ("solve", solved(info=None), TypeError, "`solve` .* gives info = None; it must give a SolveInfo"),
     ("solve", solved(info=SolveInfo(0.0, 1, 0.0, 1)), TypeError, "an info whose status = 0.0: give one integer"),
-    ("solve", solved(impulses="a"), TypeError, "impulses that are 'a'; it must give those of the rows: none"),
+    (
+        "solve",
+        solved(impulses="a"),
+        TypeError,
+        "impulses that are 'a'; it must give those of the rows: none; .* `solved_rows` says so",
+    ),
     ("solve", solved(impulses={"a": 1.0}), TypeError, "impulses that are {'a': '1.0'}"),
 ]
 

@@ -1,21 +1,27 @@
 """Methods whose forces are not those of the laws on their elements: energies are theirs, statics and modes refuse."""
 
+from typing import ClassVar
+
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
 
 import jaxfem as jf
+from jaxfem.methods import Condensed
+from jaxfem.methods.base import Elasticity
 from jaxfem.methods.groupwise import Groupwise
 from jaxfem.methods.mass_spring import MassSpring
 
 METHODS = {"groups": Groupwise(groups=3), "springs": MassSpring()}
 
 
-def built(method, **more):
+def built(method, update="explicit", **more):
     mesh = jf.mesh.box((0.1, 0.03, 0.03), (3, 1, 1))
     values = dict(young=6e4, poisson=0.25, density=1070.0, damping=4e-3) | more
-    return jf.build(jf.Scene([jf.SoftBody(mesh, fixed="x-", **values)]), solver=method, tolerance=1e-12)
+    return jf.build(
+        jf.Scene([jf.SoftBody(mesh, fixed="x-", **values)]), solver=method, tolerance=1e-12, rotation_update=update
+    )
 
 
 def bent(state):
@@ -61,6 +67,24 @@ def test_energies_are_the_methods_own_and_their_sum_keeps_to_the_schemes_order(n
     own = told(end.positions).energy
     assert kinds["elastic"] == own > 0
     assert -0.3 < lost[0] < 0 and 0.35 < lost[1] / lost[0] < 0.65
+
+
+class Idle(Condensed):
+    """One whose bodies store and lose nothing, in plain numbers."""
+
+    name: ClassVar[str] = "idle_for_a_test"
+
+    def elasticity(self, model, params, positions, rates):
+        return Elasticity(0, jnp.zeros_like(positions), 0)
+
+
+@pytest.mark.parametrize("update", ["explicit", "implicit"])
+def test_plain_numbers_serve_and_rounds_within_a_step_pass_them_on(update):
+    model, params, state = built(Idle(), update=update)
+    assert model.method.own_elasticity
+    state, info = jf.step(model, params, jf.with_account(model, params, state), 1e-2)
+    kinds = jf.energies(model, params, state).kinds
+    assert int(info.status) == 0 and kinds["elastic"] == kinds["damping"] == 0 and kinds["elastic"].dtype == jnp.float64
 
 
 @pytest.mark.parametrize("name", METHODS)
