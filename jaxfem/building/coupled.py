@@ -16,7 +16,6 @@ from jaxfem.declared.scene import Scene, SoftBody
 from jaxfem.elements.mass import is_diagonal
 from jaxfem.model import Model, Params, State
 from jaxfem.pytrees import on_device
-from jaxfem.schemes import BackwardEuler
 
 
 def with_coupling(
@@ -69,7 +68,7 @@ def _check(model: Model, rigid: bool) -> None:
         raise SceneError(
             f'scheme "{model.scheme.name}" is for soft bodies; scenes with rigid bodies need "backward_euler"'
         )
-    if rigid and not model.bodies and type(model.scheme) is not BackwardEuler:
+    if rigid and not model.bodies and not model.scheme.euler:
         raise SceneError(
             f'scheme "{model.scheme.name}" acts on the nodes of soft bodies, and this scene has rigid ones alone, '
             'which move by the rule of "backward_euler"'

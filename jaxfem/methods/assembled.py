@@ -25,7 +25,7 @@ from jaxfem.methods.node_blocks import (
     refuses_but_plain,
     rounding_floor,
 )
-from jaxfem.model import Model, Params, State, StepInfo, element_constants, element_stiffness, nodal_mass
+from jaxfem.model import Model, Params, State, StepInfo, element_damping, element_stiffness, nodal_mass
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.system.drag import nodal_drag
 from jaxfem.system.soft import external_force, prescribed_velocity
@@ -64,7 +64,7 @@ def assembled_system(model: Model, params: Params, state: State, dt: Array, forc
     stiffness = warped_stiffness(model, params, turned)
     mass = nodal_mass(model, params.density)
     load = dt * (external_force(model, params, x, forces) - warped_force(model, stiffness, turned, x))
-    beta = jnp.broadcast_to(element_constants(model, params)["damping"], model.elements.volumes.shape)
+    beta = jnp.broadcast_to(element_damping(model, params), model.elements.volumes.shape)
     matrix = pairs.summed((dt * (dt + beta))[:, None, None, None, None] * stiffness)
     inertia = mass * (1 + dt * nodal_drag(model, params))
     matrix = matrix.at[:, :, :3].add(inertia[:, None, None] * jnp.eye(3, dtype=mass.dtype))

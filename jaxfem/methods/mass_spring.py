@@ -18,6 +18,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.declared.errors import AccuracyWarning
+from jaxfem.materials.moduli import ratio_and_modulus
 from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.ending import ended
 from jaxfem.methods.node_blocks import (
@@ -30,7 +31,7 @@ from jaxfem.methods.node_blocks import (
     refuses_but_plain,
     rounding_floor,
 )
-from jaxfem.model import Model, Params, State, StepInfo, element_constants, nodal_mass
+from jaxfem.model import Model, Params, State, StepInfo, element_damping, element_stiffness, nodal_mass
 from jaxfem.pytrees import Pytree, on_device
 from jaxfem.solvers.implicit import implicit_solution
 from jaxfem.solvers.status import SolveInfo, Status, caused
@@ -86,7 +87,7 @@ class MassSpring(Method):
         """The springs; warns where another Poisson's ratio was asked for than springs have."""
         check_linear(model)
         check_polar(model)
-        asked = np.asarray(params.constants["poisson"])
+        asked = np.asarray(ratio_and_modulus(*element_stiffness(model, params))[0])
         if np.abs(asked - OWN_POISSON).max() > 0.01:
             warnings.warn(
                 f"springs have Poisson's ratio 1/4, whatever is asked for; this scene asks for {asked.flat[0]:g}",
@@ -127,7 +128,7 @@ class MassSpring(Method):
         force = load + spring_force(model, springs, state.velocities)
         moved = (state.velocities + dt * force / mass) / (1 + dt * drag)
         velocities = jnp.where(model.free[:, None] > 0, moved, prescribed_velocity(model, params, state, dt))
-        beta = jnp.max(jax.lax.stop_gradient(element_constants(model, params)["damping"]))
+        beta = jnp.max(jax.lax.stop_gradient(element_damping(model, params)))
         status = jnp.where(cache * (dt**2 + 2 * dt * beta) > 4, caused(Status.INVALID_VALUE, TOO_LONG), 0)
         none = jnp.int32(0)
         info = SolveInfo(status.astype(jnp.int32), none, jnp.zeros((), mass.dtype), none)
@@ -137,8 +138,11 @@ class MassSpring(Method):
 def stretched(model: Model, params: Params, positions: Array, calibration: str) -> Stretch:
     """The springs where the nodes are at `positions` (n, 3)."""
     plan: Springs = model.plan
-    values, volumes = element_constants(model, params), model.elements.volumes[:, None]
-    young, beta = (jnp.broadcast_to(values[name], model.elements.volumes.shape) for name in ("young", "damping"))
+    _, young = ratio_and_modulus(*element_stiffness(model, params))
+    young, beta = (
+        jnp.broadcast_to(each, model.elements.volumes.shape) for each in (young, element_damping(model, params))
+    )
+    volumes = model.elements.volumes[:, None]
     rest = jnp.linalg.norm(_ways(plan, model.rest), axis=1)
     own = rest[plan.of_element]
     each = young[:, None] * (volumes / own**2 if calibration == "volume" else 2 * np.sqrt(2) / 25 * own)

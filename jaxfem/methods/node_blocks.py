@@ -12,7 +12,6 @@ import numpy as np
 
 from jaxfem.batching import lanes_in_turn
 from jaxfem.elements.strains import PLAIN
-from jaxfem.materials.linear import Linear
 from jaxfem.methods.base import CannotServe, Facts
 from jaxfem.model import Model
 from jaxfem.pytrees import Pytree, on_device
@@ -148,15 +147,15 @@ def refuses_but_plain(facts: Facts) -> str | None:
         return f'takes strain = "{PLAIN}" alone, not "{facts.smoothed[0]}": use "condensed" for that'
     if facts.mass != "lumped":
         return f'takes mass = "lumped" alone, not "{facts.mass}": use "condensed" for that'
-    if facts.scheme.name != "backward_euler":
+    if not facts.scheme.euler:
         return f'takes scheme = "backward_euler" alone, not "{facts.scheme.name}": use "condensed" for that'
     return None
 
 
 def check_linear(model: Model) -> None:
-    """CannotServe where a body is not of the plain linear law."""
+    """CannotServe where the stress of a body is not linear in its strain and the rate of that alone."""
     for name, law in zip(model.bodies, model.laws, strict=True):
-        if type(law) is not Linear:
+        if not law.linear or law.remembers:
             raise CannotServe(
                 f'takes linear elastic bodies alone, and "{name}" is of {type(law).__name__}: use "condensed" for that'
             )

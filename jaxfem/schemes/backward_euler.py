@@ -18,6 +18,7 @@ class BackwardEuler(Scheme):
     restarts: ClassVar[bool] = False
     straight: ClassVar[bool] = True
     lanes: ClassVar[bool] = True
+    euler: ClassVar[bool] = True
 
     def stage(self, state: Moving, prescribed: Array, free: Array, dt: Array) -> Stage:
         """The end of the step."""

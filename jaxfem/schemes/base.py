@@ -88,7 +88,8 @@ class Scheme(Pytree):
     something strikes has to be one of backward Euler for the bodies struck, whose accelerations then start anew.
     `straight`: whether positions move along the new velocities; then free bodies keep their angular momentum (see
     `system/momentum.py`). `lanes`: whether `stage` and `advance` also take nodes (n, 3, lanes), with `free` (n, 1, 1)
-    and `dt` (lanes,), as sweeps on processors have them; who defines either anew says so anew.
+    and `dt` (lanes,), as sweeps on processors have them. `euler`: whether they are those of backward Euler itself,
+    which rigid bodies and methods with a step of their own follow. Who defines either anew says these two anew.
     """
 
     name: ClassVar[str]
@@ -97,11 +98,12 @@ class Scheme(Pytree):
     restarts: ClassVar[bool] = True
     straight: ClassVar[bool] = False
     lanes: ClassVar[bool] = False
+    euler: ClassVar[bool] = False
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         if {"stage", "advance"} & {*cls.__dict__}:
-            cls.lanes = cls.__dict__.get("lanes", False)
+            cls.lanes, cls.euler = (cls.__dict__.get(flag, False) for flag in ("lanes", "euler"))
         if (name := cls.__dict__.get("name")) is None or hasattr(name, "__get__"):  # a base of others
             return
         for needed in ("stage", "advance"):
@@ -109,7 +111,9 @@ class Scheme(Pytree):
                 raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has no `{needed}`: define it')
         if not hasattr(cls, "order"):
             raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) does not say its `order`: give an integer')
-        if flaw := flaw_of(cls, {"order": WHOLE, **dict.fromkeys(("rigid", "restarts", "straight", "lanes"), FLAG)}):
+        if flaw := flaw_of(
+            cls, {"order": WHOLE, **dict.fromkeys(("rigid", "restarts", "straight", "lanes", "euler"), FLAG)}
+        ):
             raise TypeError(f'the time scheme "{cls.name}" ({cls.__name__}) has {flaw}')
         SCHEMES.add(cls.name, cls)
 

@@ -3,6 +3,8 @@
 Nothing here changes the package: the laws are declared in this file alone.
 """
 
+import warnings
+
 import numpy as np
 import pytest
 from derivatives import check
@@ -55,6 +57,17 @@ def test_it_moves_as_the_built_in_law_does_alone_and_beside_it(strain):
     here, there = np.split(both, 2, axis=1)  # its body, and the built-in law's
     np.testing.assert_allclose(here, there, atol=1e-12)
     np.testing.assert_allclose(here, alone, atol=1e-11)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("solver", ["assembled", "groupwise", "mass_spring"])
+def test_methods_with_a_step_of_their_own_take_it_for_the_linear_law_that_it_is(solver):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", jf.AccuracyWarning)  # springs have a Poisson's ratio of their own
+        scenes = [beam(own=own, solver=solver) for own in (True, False)]
+    here, there = (np.asarray(jf.rollout(*s, 1e-3, 8)[0].positions - s[2].positions) for s in scenes)
+    assert np.abs(there).max() > 1e-5
+    np.testing.assert_allclose(here, there, atol=1e-9 * np.abs(there).max())
 
 
 def test_statics_modes_stress_and_energies_know_it():

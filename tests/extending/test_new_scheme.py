@@ -111,4 +111,6 @@ def test_sweeps_take_it_one_by_one_unless_it_knows_of_lanes():
     options = {"outputs": {"x": "positions"}, "dt": 1e-2, "steps": 1}
     with pytest.raises(jf.sweeping.SweepError, match='takes schemes that know of lanes, not "midpoint"'):
         jf.sweep(*scene, {"young": np.array([1e5, 2e5])}, engine="lanes", **options)
-    assert SCHEMES["backward_euler"].made.lanes and not type("Own", (Midpoint,), {"advance": None}).lanes
+    euler = SCHEMES["backward_euler"].made
+    assert euler.lanes and not type("Own", (Midpoint,), {"advance": None}).lanes
+    assert euler.euler and type("Named", (euler,), {}).euler and not type("Other", (euler,), {"advance": None}).euler

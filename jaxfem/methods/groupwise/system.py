@@ -16,7 +16,7 @@ from jaxfem.elements.tetra import tetra_gradient
 from jaxfem.methods.assembled import lame
 from jaxfem.methods.groupwise.plan import Groups
 from jaxfem.methods.node_blocks import rounding_floor
-from jaxfem.model import Model, Params, State, element_constants, nodal_mass, per_element
+from jaxfem.model import Model, Params, State, element_damping, nodal_mass, per_element
 from jaxfem.pytrees import Pytree
 from jaxfem.rotation import nearest_rotation
 from jaxfem.system.drag import nodal_drag
@@ -122,7 +122,7 @@ def group_elasticity(model: Model, params: Params, positions: Array, rates: Arra
     """Energy [J], force (n, 3) [N] with that of damping, and the power [W] of damping, at `positions` (n, 3) and their
     `rates`: those of strain in the groups' frames."""
     elements, volumes = model.elements, model.elements.volumes
-    beta, (lam, shear) = element_constants(model, params)["damping"], lame(model, params)
+    beta, (lam, shear) = element_damping(model, params), lame(model, params)
     turn = _turns(model, params, positions)
     strain = array_of(_start_strain(elements.cells, elements.gradients, positions, turn))
     moved = tetra_gradient(elements.cells, elements.gradients, rates)
@@ -143,8 +143,8 @@ def group_system(model: Model, params: Params, state: State, dt: Array, forces: 
     """The equations at the head of this file, made at the start of the step."""
     groups: Groups = model.plan
     elements, x = model.elements, state.positions
-    values = element_constants(model, params)
-    lam, shear, beta = (jnp.broadcast_to(v, elements.volumes.shape) for v in (*lame(model, params), values["damping"]))
+    moduli = *lame(model, params), element_damping(model, params)
+    lam, shear, beta = (jnp.broadcast_to(each, elements.volumes.shape) for each in moduli)
     copies, masses = _group_masses(model, params), nodal_mass(model, params.density)
     rotation = shape_matching(copies, x[groups.nodes], model.rest[groups.nodes])
     turn = jnp.moveaxis(rotation, 0, -1)[:, :, groups.element]
