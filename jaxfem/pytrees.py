@@ -25,6 +25,8 @@ class Pytree:
         super().__init_subclass__(**kwargs)
         made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
         fields = dataclasses.fields(made)
+        if left := [f.name for f in fields if not f.init]:
+            raise TypeError(f"{cls.__name__}.{left[0]} is left out of its constructor (init=False): make it a property")
         _register(
             made,
             parts=tuple(f.name for f in fields if not f.metadata.get("static")),

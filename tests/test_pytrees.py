@@ -1,5 +1,6 @@
 """Frozen dataclasses as JAX sees them: kinds that differ in nothing but their class are never taken for each other."""
 
+import dataclasses
 import itertools
 from typing import Any
 
@@ -78,6 +79,11 @@ class Doubled(Pytree):
 
 def test_what_a_class_prepares_is_there_inside_of_programs_too():
     assert float(jax.jit(lambda whole: whole.double)(Doubled(1.5))) == 3.0
+
+
+def test_a_field_that_the_constructor_does_not_take_is_refused():
+    with pytest.raises(TypeError, match=r"Half\.x is left out of its constructor \(init=False\): make it a property"):
+        type("Half", (Pytree,), {"__annotations__": {"x": Any}, "x": dataclasses.field(default=0.0, init=False)})
 
 
 def test_a_state_of_another_kind_is_refused():
