@@ -63,12 +63,9 @@ def is_exact(value: Any, shapes: Sequence[Shape], dtype: Any) -> bool:
 
     Numbers of Python, and what is made of them alone, have no precision of their own.
     """
-    if not is_array(value, shapes, dtype):
+    if not is_array(value, shapes, dtype) or not jnp.issubdtype(jnp.result_type(value), jnp.floating):
         return False
-    if type(value) in (int, float):
-        return True
-    kind = jnp.result_type(value)
-    return bool(jnp.issubdtype(kind, jnp.floating) and (getattr(value, "weak_type", False) or kind == dtype))
+    return type(value) is float or bool(getattr(value, "weak_type", False)) or jnp.result_type(value) == dtype
 
 
 def structure(tree: Any) -> Any:

@@ -21,7 +21,8 @@ def own_elasticity(model: Model, params: Params, positions: Array, rates: Array)
     dtype = positions.dtype
     for name, shape in (("energy", ()), ("force", positions.shape), ("power", ())):
         value = getattr(found, name, None)
-        if not is_exact(value, [shape], dtype):
+        plain = type(value) is int and shape == ()  # such as 0, where nothing is stored
+        if not (plain or is_exact(value, [shape], dtype)):
             given = described(found) if value is None else f"{name} = {described(value)}"
             raise TypeError(
                 f'`elasticity` of the method "{model.method.name}" gives {given}; it must give an Elasticity, of '

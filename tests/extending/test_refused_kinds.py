@@ -60,8 +60,11 @@ def test_a_scheme_on_rigid_bodies_alone_is_refused():
 
     with pytest.raises(jf.SceneError, match='scheme "damped_for_a_test" acts on the nodes of soft bodies'):
         jf.build(jf.Scene([BALL]), scheme=Damped())
+    own = {"name": "another_for_a_test", "advance": lambda self, *given: BackwardEuler.advance(self, *given)}
     with pytest.raises(jf.SceneError, match='scheme "another_for_a_test" acts on the nodes of soft bodies'):
-        jf.build(jf.Scene([BALL]), scheme=type("Another", (BackwardEuler,), {"name": "another_for_a_test"})())
+        jf.build(jf.Scene([BALL]), scheme=type("Another", (BackwardEuler,), own)())
+    renamed = type("Renamed", (BackwardEuler,), {"name": "renamed_for_a_test"})
+    assert jf.build(jf.Scene([BALL]), scheme=renamed())[0].scheme.euler  # by its rule
     with pytest.raises(TypeError, match=r'time scheme "half" \(Half\) has no `stage`'):
         type("Half", (Scheme,), {"name": "half"})
 
