@@ -158,8 +158,8 @@ def _overlaps(corners: Floats) -> Any:
 
 def _outside(cut: Any) -> Any:
     """Cells that a flood reaches from around the grid through cells that are not `cut`."""
-    free = np.pad(~cut, 1, constant_values=True)
-    reached = np.zeros_like(free)
+    empty = np.pad(~cut, 1, constant_values=True)
+    reached = np.zeros_like(empty)
     reached[0, 0, 0] = True
     while True:
         grown = reached.copy()
@@ -167,7 +167,7 @@ def _outside(cut: Any) -> Any:
             ahead, behind = _part(axis, 1, None), _part(axis, 0, -1)
             grown[ahead] |= reached[behind]
             grown[behind] |= reached[ahead]
-        grown &= free
+        grown &= empty
         if (grown == reached).all():
             return reached[1:-1, 1:-1, 1:-1]
         reached = grown

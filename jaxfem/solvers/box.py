@@ -22,10 +22,10 @@ class Box(Pytree):
         """Whether any block has a bound: known while tracing."""
         return any(bound is not None for bound in self.lower)
 
-    def each(self, bounded: Callable[..., Any], free: Callable[..., Any], *vectors: Any) -> list[Any]:
-        """bounded(lower, upper, *blocks) for each block with bounds, free(*blocks) for each other, in order."""
+    def each(self, bounded: Callable[..., Any], unbounded: Callable[..., Any], *vectors: Any) -> list[Any]:
+        """bounded(lower, upper, *blocks) for each block with bounds, unbounded(*blocks) for each other, in order."""
         rows = zip(self.lower, self.upper, *map(jax.tree.leaves, vectors), strict=True)
-        return [free(*blocks) if low is None else bounded(low, up, *blocks) for low, up, *blocks in rows]
+        return [unbounded(*blocks) if low is None else bounded(low, up, *blocks) for low, up, *blocks in rows]
 
     def clip(self, x: Any) -> Any:
         """The nearest point of the box."""
