@@ -43,7 +43,7 @@ def system_beside(model: Model, body: Body, params: Params, at: Any, dt: Array) 
     def one(params: Params, at: Any, dt: Array) -> System:
         system = coupled_system(model, params, state_of(body, at), dt)
         left_out: Any = None
-        system = system.replace(elastic=(), pattern=left_out, tolerance=left_out, max_iterations=left_out)
+        system = system.replace(elastic=(), pattern=left_out, max_iterations=left_out)
         typed: System = jax.tree.map(strict, system)
         return typed
 
