@@ -162,6 +162,17 @@ def slopes(scene, variants, names, outputs, engine):
     return {(output, name): made.derivative(output, name) for output in outputs for name in names}
 
 
+@pytest.mark.slow
+def test_a_derivative_through_friction_is_that_of_rollouts():
+    """The least of the kind, which runs each time; the tests below wait to be asked for."""
+    scene = dropped(restitution=0.0)
+    variants, put = {"gravity[0]": np.array([0.0, 5.0])}, {"z": lambda run: run.last.positions[0, 0]}
+    want, found = (slopes(scene, variants, ["gravity[0]"], put, engine) for engine in ("loop", "lanes"))
+    for key, value in want.items():
+        assert np.abs(value).min() > 0
+        np.testing.assert_allclose(found[key], value, rtol=1e-5)
+
+
 @SLOW
 @pytest.mark.parametrize(("scheme", "cone"), [("backward_euler", True), ("generalized_alpha", False)])
 def test_derivatives_are_those_of_rollouts(scheme, cone):
