@@ -12,9 +12,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from jaxfem.pytrees import without_hash
+
 Shape = tuple[int, ...]
-STATIC = "a static field of it cannot tell compiled programs apart (a list, an array): give a tuple"
-"""Of fields that are part of the program and have no hash."""
 
 
 def asked(look: Callable[[Any], str], function: Callable[..., Any], *given: Any) -> str:
@@ -36,6 +36,23 @@ def hashable(value: Any) -> bool:
     except TypeError:
         return False
     return True
+
+
+def static_flaw(tree: Any) -> str:
+    """What is wrong with the first static field in a tree whose value has no hash; empty where none is."""
+    name = without_hash(tree)
+    return name and f"its static field {name} cannot tell compiled programs apart (a list, an array): give a tuple"
+
+
+def still_says(cls: type, flag: str, *hooks: str) -> bool:
+    """Whether the class that says `flag` knew of the `hooks` as they are: none is defined before it in line."""
+    return defined_at(cls, flag) <= min(defined_at(cls, hook) for hook in hooks)
+
+
+def defined_at(cls: type, name: str) -> int:
+    """Which class in the line of a class's bases has an attribute; as many as there are where none does."""
+    line = cls.__mro__
+    return next((number for number, each in enumerate(line) if name in vars(each)), len(line))
 
 
 def described(value: Any) -> str:

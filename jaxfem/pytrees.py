@@ -1,6 +1,7 @@
 """Frozen dataclasses that JAX sees as pytrees: the only kind of object that enters a compiled function."""
 
 import dataclasses
+import math
 import operator
 from collections.abc import Callable, Iterable
 from typing import Any, ClassVar, Self, dataclass_transform
@@ -23,6 +24,13 @@ class Pytree:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if own := [
+            name for name in ("__init__", "__post_init__") if name in cls.__dict__ or hasattr(cls, "__post_init__")
+        ]:
+            raise TypeError(
+                f"{cls.__name__} has {own[-1]} of its own: programs make it again from its fields alone. Let fields be "
+                "what is given, make what follows from them a property, and refuse values where kinds are checked"
+            )
         made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
         fields = dataclasses.fields(made)
         if left := [f.name for f in fields if not f.init]:
@@ -44,26 +52,62 @@ def _register(made: type, parts: tuple[str, ...], fixed: tuple[str, ...]) -> Non
     Not by `jax.tree_util.register_dataclass`: structures of two such classes with fields of the same numbers are equal
     (JAX 0.10), and where their hashes happen to share seven bits the one runs the program compiled for the other.
     """
-
     own, given = _reader(parts), _reader(fixed)
-    prepares = hasattr(made, "__post_init__")
     keys, names = [jax.tree_util.GetAttrKey(name) for name in parts], (*parts, *fixed)
 
-    def flat(whole: Any) -> tuple[tuple[Any, ...], tuple[Any, ...]]:
-        return own(whole), given(whole)
+    def told(whole: Any) -> tuple[Any, Any]:
+        """The fixed values and what tells equal ones apart; found once, as nothing of it changes."""
+        held: tuple[Any, Any] | None = whole.__dict__.get(TOLD)
+        if held is None:
+            values = given(whole)
+            held = whole.__dict__[TOLD] = values, exactly(values)
+        return held
 
-    def named(whole: Any) -> tuple[list[tuple[Any, Any]], tuple[Any, ...]]:
-        return list(zip(keys, own(whole), strict=True)), given(whole)
+    def flat(whole: Any) -> tuple[tuple[Any, ...], tuple[Any, Any]]:
+        return own(whole), told(whole)
 
-    def whole(given: tuple[Any, ...], children: Iterable[Any]) -> Any:
+    def named(whole: Any) -> tuple[list[tuple[Any, Any]], tuple[Any, Any]]:
+        return list(zip(keys, own(whole), strict=True)), told(whole)
+
+    def whole(held: tuple[Any, Any], children: Iterable[Any]) -> Any:
         # The constructor of a frozen class takes as long as all else here, and each call of a step comes through here.
-        if prepares:
-            return made(**dict(zip(names, (*children, *given), strict=True)))
         again: Any = object.__new__(made)
-        again.__dict__.update(zip(names, (*children, *given), strict=True))
+        again.__dict__.update(zip(names, (*children, *held[0]), strict=True))
+        again.__dict__[TOLD] = held
         return again
 
     jax.tree_util.register_pytree_with_keys(made, named, whole, flat)
+
+
+TOLD = "_told"
+
+
+def exactly(value: Any) -> Any:
+    """What tells values apart that Python takes for equal: True, 1 and 1.0, 0.0 and -0.0, words of two kinds."""
+    if isinstance(value, tuple):
+        parts = tuple(map(exactly, value))
+        return type(value), parts[:1] if all(each == parts[0] for each in parts) else parts
+    if isinstance(value, float):
+        return type(value), math.copysign(1.0, value)
+    if dataclasses.is_dataclass(value) and not isinstance(value, type):
+        return type(value), *(exactly(getattr(value, each.name)) for each in dataclasses.fields(value))
+    return type(value)
+
+
+def without_hash(tree: Any) -> str:
+    """The first static field in a tree by whose value compiled programs cannot be told apart; empty where none is."""
+    for whole in jax.tree.leaves(tree, is_leaf=lambda each: isinstance(each, Pytree)):
+        for field in dataclasses.fields(whole) if isinstance(whole, Pytree) else ():
+            value = getattr(whole, field.name)
+            if not field.metadata.get("static"):
+                if found := without_hash(value):
+                    return found
+                continue
+            try:
+                hash(value)
+            except TypeError:
+                return field.name
+    return ""
 
 
 def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:

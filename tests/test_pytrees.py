@@ -1,6 +1,7 @@
 """Frozen dataclasses as JAX sees them: kinds that differ in nothing but their class are never taken for each other."""
 
 import dataclasses
+import enum
 import itertools
 from typing import Any
 
@@ -10,7 +11,7 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.pytrees import Pytree, outline, static
+from jaxfem.pytrees import Pytree, outline, static, without_hash
 
 KINDS = 150
 
@@ -37,6 +38,13 @@ def test_no_kind_runs_the_program_of_another():
     told = jax.jit(lambda whole: whole.x + number[type(whole)])
     zero = jnp.zeros((), jnp.int32)
     assert [int(told(kind(zero))) for kind in kinds] == list(range(KINDS))
+
+
+class Text(str):
+    """A text of another kind."""
+
+    def __repr__(self):
+        return f"Text({super().__repr__()})"
 
 
 def below(made):
@@ -68,17 +76,46 @@ def test_leaves_names_and_statics_come_back():
         again.x = 0.0
 
 
-class Doubled(Pytree):
-    """One that prepares something beside its fields."""
-
-    x: Any
+class Converts:
+    """What would be done again each time that a program makes the object again."""
 
     def __post_init__(self):
-        object.__setattr__(self, "double", jax.tree.map(lambda leaf: 2 * leaf, self.x))
+        object.__setattr__(self, "x", 2 * self.x)
 
 
-def test_what_a_class_prepares_is_there_inside_of_programs_too():
-    assert float(jax.jit(lambda whole: whole.double)(Doubled(1.5))) == 3.0
+@pytest.mark.parametrize("own", ["__init__", "__post_init__"])
+def test_what_programs_would_not_do_once_is_refused(own):
+    with pytest.raises(TypeError, match=f"Own has {own} of its own: programs make it again from its fields alone"):
+        type("Own", (Pytree,), {"__annotations__": {"x": Any}, own: lambda self, x=0: None})
+    with pytest.raises(TypeError, match="Inherits has __post_init__ of its own"):
+        type("Inherits", (Converts, Pytree), {"__annotations__": {"x": Any}})
+
+
+class Level(enum.IntEnum):
+    UP = 1
+
+
+class Other(enum.IntEnum):
+    DOWN = 1
+
+
+@pytest.mark.parametrize(
+    ("one", "two"),
+    [(True, 1), (1, 1.0), (0.0, -0.0), (Level.UP, Other.DOWN), ((1, (True,)), (1, (1,))), ("a", Text("a"))],
+)
+def test_values_that_python_takes_for_equal_have_programs_of_their_own(one, two):
+    made = like(("x",), ("word",))
+    told = jax.jit(lambda whole: whole.x + len(repr(whole.word)))
+    pair = [made(x=jnp.zeros(()), word=value) for value in (one, two)]
+    assert outline(pair[0]) != outline(pair[1]) and outline(pair[0]) == outline(made(x=jnp.ones(()), word=one))
+    assert [int(told(each)) for each in pair] == [len(repr(value)) for value in (one, two)]
+    assert type(jax.tree.map(jnp.ones_like, pair[1]).word) is type(two)
+
+
+def test_static_fields_without_a_hash_are_found_within_others():
+    outer, inner = like(("x",)), like((), ("word",))
+    assert without_hash(outer(x=(1.0, {"a": inner(word=[1])}))) == "word"
+    assert without_hash(outer(x=inner(word=(1,)))) == without_hash(1.0) == ""
 
 
 def test_a_field_that_the_constructor_does_not_take_is_refused():

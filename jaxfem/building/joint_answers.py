@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import STATIC, asked, described, hashable, is_array, odd_pair, structure
+from jaxfem.answers import asked, described, is_array, odd_pair, static_flaw, structure
 from jaxfem.building.bodies import BodyIndex
 from jaxfem.declared.errors import SceneError
 from jaxfem.declared.joints import Joint, Part
@@ -146,7 +146,7 @@ def check_rows(model: Model, params: Params) -> None:
         leaves, kind = jax.tree.flatten((group.replace(names=()), params.joints[label]))
         shapes = tuple((leaf.shape, leaf.dtype) for leaf in leaves)
         asked_with = (kind, shapes, len(group.names), model.nodes, bodies, model.rest.dtype)
-        if flaw := _rows_flaw(*asked_with) if hashable(kind) else STATIC:
+        if flaw := static_flaw(group) or _rows_flaw(*asked_with):
             names = ", ".join(dict.fromkeys(group.names[:3]))
             raise SceneError(f'{type(group).__name__}, the rows "{label}" of joints {names}: {flaw}')
 

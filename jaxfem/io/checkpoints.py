@@ -2,6 +2,7 @@
 
 import csv
 import hashlib
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -21,16 +22,23 @@ def checkpoint_path(index: Path) -> Path:
 
 
 def scene_mark(model: Model, params: Params) -> str:
-    """A word that builds share whose numbers are equal: shapes, materials, loads, joints, contacts and their places.
+    """A word that builds share whose scenes are equal, in kinds and in numbers: shapes, laws, loads, joints, contacts
+    and their places, the time scheme.
 
-    What a method prepares, its tolerance, and how long and how often a run is written are not in it.
+    What a method prepares, its settings and tolerance, and how long and how often a run is written are not in it.
     """
-    told = params, model.rest, model.free, model.elements.cells, model.joints, model.contacts, model.rigid
-    found = hashlib.sha256()
+    parts = model.joints, model.contacts, model.rigid, model.loads, model.driven, model.scheme
+    told = params, model.rest, model.free, model.elements.cells, parts
+    kinds = jax.tree.structure((told, model.domains)), model.laws, model.rotation_kind, model.mass, model.bodies
+    found = hashlib.sha256(_PLACE.sub("", str(kinds)).encode())
     for key, leaf in jax.tree_util.tree_flatten_with_path(told)[0]:
         found.update(jax.tree_util.keystr(key).encode())
         found.update(np.ascontiguousarray(leaf).tobytes())
     return found.hexdigest()
+
+
+_PLACE = re.compile(r" at 0x[0-9a-f]+")
+"""Where an object stands in memory: of functions, as a signed distance, only the name is known."""
 
 
 def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int, mark: str = "") -> None:

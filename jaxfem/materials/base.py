@@ -31,6 +31,10 @@ class Response(NamedTuple):
     offset: Array
 
 
+MEMORY = ("internal_at_once", "response", "commit", "counts", "tensors", "rest_strain")
+"""What only laws with a memory are asked."""
+
+
 class Material:
     """A law with the values of its constants, as a user declares it: `Law(constant=value, ...)`; its own base class.
 
@@ -60,6 +64,9 @@ class Material:
         _check_declared(law, cls.constants, cls.options)
         if flaw := flaw_of(cls, {"linear": FLAG, "relaxes": FLAG}):
             raise TypeError(f"{law} has {flaw}")
+        late = next((name for name in MEMORY if getattr(cls, name) is not getattr(Material, name)), None)
+        if late is not None and cls.internal0 is Material.internal0:
+            raise TypeError(f"{law} has `{late}` and no memory, so that it is never asked: define `internal0`")
         names = [each.name for each in cls.constants]
         twice = (
             {name for name in names if names.count(name) > 1} | {*names} & {*cls.options} | {"values"} & {*cls.options}
@@ -126,6 +133,11 @@ class Material:
     @property
     def law(self) -> Self:
         """The same law and options without values: what the model holds."""
+        if lost := {*vars(self)} - {"values", "constants", "remembers", *self.options}:
+            raise MaterialError(
+                f"{type(self).__name__} has the attribute {min(lost)}, which no program would see: declare it in "
+                "`constants`, or in `options` where it is a flag, a number or a word that tells variants apart"
+            )
         bare = object.__new__(type(self))
         bare._set({}, vars(self))
         return bare

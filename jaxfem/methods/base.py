@@ -14,7 +14,7 @@ from typing import Any, ClassVar, NamedTuple, dataclass_transform
 
 import jax
 
-from jaxfem.answers import COUNT, FLAG, REAL, flaw_of
+from jaxfem.answers import COUNT, FLAG, REAL, flaw_of, still_says
 from jaxfem.elements.mass import MassKind
 from jaxfem.elements.strains import PLAIN
 from jaxfem.materials.constants import Constant
@@ -106,10 +106,17 @@ class Method(abc.ABC):
                 f"{cls.__name__} has an __init__ of its own: declare its numbers as fields of a frozen dataclass, by "
                 "which compiled programs tell methods apart"
             )
+        if "__eq__" in cls.__dict__:
+            raise TypeError(f"{cls.__name__} compares in a way of its own: its fields tell compiled programs apart")
         dataclasses.dataclass(frozen=True)(cls)
         del cls.__setattr__, cls.__delattr__  # those below; a decorator of the class's own makes its own, but once
-        if {"step", "solve"} & {*cls.__dict__}:
-            cls.as_it_is = cls.__dict__.get("as_it_is", False)
+        if not still_says(cls, "as_it_is", "step", "solve", "round"):
+            cls.as_it_is = False
+        if loose := [each.name for each in dataclasses.fields(cls) if not each.compare]:
+            raise TypeError(
+                f"{cls.__name__}.{loose[0]} is left out of comparison (compare=False): compiled programs tell methods "
+                "apart by their fields"
+            )
         name = cls.__dict__.get("name")
         if name is None or hasattr(name, "__get__"):  # abstract, or a wrapper that has its inner method's
             return

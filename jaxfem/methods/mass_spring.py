@@ -55,6 +55,18 @@ class Springs(Pytree):
     pairs: NodePairs
 
 
+class Limit(Pytree):
+    """The `square` () of the highest frequency [1/s^2] at which springs of `stiffness` (s,) swing `mass` (n,)."""
+
+    square: Array
+    stiffness: Array
+    mass: Array
+
+    def square_with(self, stiffness: Array, mass: Array) -> Array:
+        """That of others: right where all change alike, else no less than it is."""
+        return self.square * jnp.max(stiffness / self.stiffness) * jnp.max(self.mass / mass)
+
+
 class Stretch(Pytree):
     """Springs at a moment: `stiffness` and `viscosity` (s,) [N/m, N s/m], unit vectors `along` (s, 3), `length` and
     `rest` (s,) [m]."""
@@ -90,7 +102,8 @@ class MassSpring(Method):
         asked = np.asarray(ratio_and_modulus(*element_stiffness(model, params))[0])
         if np.abs(asked - OWN_POISSON).max() > 0.01:
             warnings.warn(
-                f"springs have Poisson's ratio 1/4, whatever is asked for; this scene asks for {asked.flat[0]:g}",
+                "springs have Poisson's ratio 1/4, whatever is asked for; this scene asks for "
+                f"{asked.flat[np.abs(asked - OWN_POISSON).argmax()]:g}",
                 AccuracyWarning,
                 stacklevel=6,
             )
@@ -101,11 +114,12 @@ class MassSpring(Method):
             on_device(ends, jnp.int32), on_device(place.reshape(-1, 6), jnp.int32), node_pairs(ends, model.nodes)
         )
 
-    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> Array | None:
-        """The square of the highest frequency at rest, () [1/s^2], for the limit of explicit steps."""
+    def prepare(self, model: Model, params: Params, state: State, dt: Array) -> "Limit | None":
+        """What bounds explicit steps; None for implicit ones."""
         if self.integration == "implicit":
             return None
-        return highest_square(model, params, self.calibration)
+        springs = stretched(model, params, model.rest, self.calibration)
+        return Limit(highest_square(model, params, springs), springs.stiffness, nodal_mass(model, params.density))
 
     def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity:
         """That of the springs and their dashpots."""
@@ -129,7 +143,8 @@ class MassSpring(Method):
         moved = (state.velocities + dt * force / mass) / (1 + dt * drag)
         velocities = jnp.where(model.free[:, None] > 0, moved, prescribed_velocity(model, params, state, dt))
         beta = jnp.max(jax.lax.stop_gradient(element_damping(model, params)))
-        status = jnp.where(cache * (dt**2 + 2 * dt * beta) > 4, caused(Status.INVALID_VALUE, TOO_LONG), 0)
+        square = jax.lax.stop_gradient(cache.square_with(springs.stiffness, mass[:, 0]))
+        status = jnp.where(square * (dt**2 + 2 * dt * beta) > 4, caused(Status.INVALID_VALUE, TOO_LONG), 0)
         none = jnp.int32(0)
         info = SolveInfo(status.astype(jnp.int32), none, jnp.zeros((), mass.dtype), none)
         return ended(model, params, state, dt, Solved(velocities, None, info), forces=forces)
@@ -199,9 +214,8 @@ def spring_system(model: Model, params: Params, state: State, dt: Array, springs
     )
 
 
-def highest_square(model: Model, params: Params, calibration: str) -> Array:
+def highest_square(model: Model, params: Params, springs: Stretch) -> Array:
     """Square of the highest frequency of the springs at rest, () [1/s^2], by power iterations: from below."""
-    springs = stretched(model, params, model.rest, calibration)
     mass, free = nodal_mass(model, params.density)[:, None], model.free[:, None]
     held = springs.replace(viscosity=springs.stiffness, length=springs.rest)
 

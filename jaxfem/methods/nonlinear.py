@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import jax
 import jax.numpy as jnp
 
-from jaxfem.answers import described
+from jaxfem.answers import defined_at, described
 from jaxfem.materials.constants import Constant
 from jaxfem.methods.base import Elasticity, Facts, Method, Solved
 from jaxfem.methods.by_rows import Impulses, solved_flaw
@@ -81,9 +81,7 @@ class ImplicitRotations(Method):
 
     def _without_rounds(self) -> str | None:
         line = type(self.inner).__mro__
-        ranks = {
-            name: next((n for n, c in enumerate(line) if name in vars(c)), len(line)) for name in ("round", "step")
-        }
+        ranks = {name: defined_at(type(self.inner), name) for name in ("round", "step")}
         if ranks["round"] == len(line):
             return 'has no `round`, which rotation_update = "implicit" repeats: use rotation_update = "explicit"'
         if ranks["step"] < ranks["round"]:

@@ -7,7 +7,7 @@ from typing import Any
 import jax
 import jax.numpy as jnp
 
-from jaxfem.answers import STATIC, asked, described, hashable, is_array, is_exact
+from jaxfem.answers import asked, described, is_array, is_exact, static_flaw
 from jaxfem.pytrees import Pytree
 from jaxfem.schemes.base import Scheme, Stage
 
@@ -28,8 +28,8 @@ class Nodes(Pytree):
 def scheme_flaw(scheme: Scheme, dtype: Any) -> str:
     """What is wrong with a scheme's answers, in words that follow its name; empty where nothing is."""
     leaves, kind = jax.tree.flatten(scheme)
-    if not hashable(kind):
-        return STATIC
+    if flaw := static_flaw(scheme):
+        return flaw
     return _flaw(kind, tuple(jnp.shape(leaf) for leaf in leaves), dtype)
 
 

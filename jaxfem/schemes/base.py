@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import FLAG, WHOLE, described, flaw_of
+from jaxfem.answers import FLAG, WHOLE, described, flaw_of, still_says
 from jaxfem.batching import one_program
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -102,8 +102,9 @@ class Scheme(Pytree):
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if {"stage", "advance"} & {*cls.__dict__}:
-            cls.lanes, cls.euler = (cls.__dict__.get(flag, False) for flag in ("lanes", "euler"))
+        for flag in ("lanes", "euler"):
+            if not still_says(cls, flag, "stage", "advance"):
+                setattr(cls, flag, False)
         if (name := cls.__dict__.get("name")) is None or hasattr(name, "__get__"):  # a base of others
             return
         for needed in ("stage", "advance"):

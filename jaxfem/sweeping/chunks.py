@@ -31,7 +31,8 @@ class Sweep:
     """A sweep that is ready to run: chunks of one fixed width, each computed by the same program.
 
     Made as `sweep` is called, without running. `run(number)` gives what chunk `number` of `chunks` keeps, of the
-    variants `members(number)`: the same bits each time that it is run with the same width, program and processor.
+    variants `members(number)`: the same bits each time that it is run with the same width, program and processor. The
+    first one compiles, which takes `compiling` seconds.
     `order` (V,): in which variants go through chunks, where another sweep has found it already.
     """
 
@@ -73,7 +74,8 @@ class Sweep:
         self.width = self._width(width)
         self._order = order
         self._prepared = self.engine.prepare(self.task)
-        self._compiled = self._program()
+        self._compiled: Any = None  # with the first chunk
+        self.compiling = 0.0
 
     @property
     def chunks(self) -> int:
@@ -106,7 +108,12 @@ class Sweep:
         own, size = self.members(chunk), self.width * len(self.devices)
         index = own[np.minimum(np.arange(size), len(own) - 1)]
         values = {name: stacked(each[index], self.dtype) for name, each in self.variants.items()}
-        made = self._compiled((self.task.model, self.task.params, self.task.state), self._prepared, values)
+        given = (self.task.model, self.task.params, self.task.state), self._prepared, values
+        if self._compiled is None:
+            begun = time.perf_counter()
+            self._compiled = self._program().lower(*given).compile()
+            self.compiling = time.perf_counter() - begun
+        made = self._compiled(*given)
         outputs, told = jax.tree.map(lambda leaf: np.asarray(leaf)[: len(own)], jax.block_until_ready(made))
         return outputs, flagged(outputs, told, self.task.derivatives)
 
@@ -243,17 +250,14 @@ def sweep(
 
 def gathered(made: Sweep, progress: Progress | None = None) -> SweepResult:
     """Run all chunks of a sweep."""
-    parts, begun, times = [], time.perf_counter(), list[float]()
+    parts, begun, compiled = [], time.perf_counter(), made.compiling
     for chunk in range(made.chunks):
-        start = time.perf_counter()
         parts.append(made.run(chunk))
-        times.append(time.perf_counter() - start)
         if progress is not None:
-            each = min(times) if len(times) == 1 else sum(times[1:]) / (len(times) - 1)
+            each = (time.perf_counter() - begun - (made.compiling - compiled)) / (chunk + 1)
             progress(made.rows(chunk).stop, made.count, each * (made.chunks - chunk - 1))
     back: Any = slice(None) if made.order is None else np.argsort(made.order)
     together: Any = jax.tree.map(lambda *leaves: np.concatenate(leaves)[back], *parts)
-    each = sum(times[1:]) / max(len(times) - 1, 1) if len(times) > 1 else times[0]
     outputs, told = together
     return SweepResult(
         made.variants,
@@ -261,6 +265,6 @@ def gathered(made: Sweep, progress: Progress | None = None) -> SweepResult:
         engine=made.engine.name,
         reason=made.reason,
         seconds=time.perf_counter() - begun,
-        compiling=max(0.0, times[0] - each),
+        compiling=made.compiling - compiled,
         **told,
     )

@@ -26,6 +26,16 @@ def test_a_level_surface_is_closed_and_turned_outward():
     assert np.abs(np.linalg.norm(points, axis=1) - 0.7).max() < 0.005
 
 
+@pytest.mark.parametrize("height", [5.0, 40.0])
+def test_a_ground_far_below_is_drawn_where_it_is(height):
+    """A box that looks at what is above it alone."""
+    ground = jf.SignedDistance(lambda place, values: place[2] - 0.1 * jax.numpy.sin(place[0]))
+    points, triangles = ground.outline(BOX + np.array([0, 0, height]))
+    assert len(triangles) and np.abs(points[:, 2]).max() < 0.2
+    nothing = jf.SignedDistance(lambda place, values: 1.0 + 0 * place[0])
+    assert [len(each) for each in nothing.outline(BOX)] == [0, 0]
+
+
 def test_grounds_are_drawn_within_the_box():
     plane = jf.Plane((0.2, 0, 0.1), (0.0, 1.0, 1.0))
     points, triangles = plane.outline(BOX)

@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import STATIC, asked, described, hashable, is_exact, is_number, numbers, odd_leaf
+from jaxfem.answers import asked, described, is_exact, is_number, numbers, odd_leaf, static_flaw
 from jaxfem.rigid.shapes.base import Shape
 
 
@@ -70,8 +70,8 @@ def distance_flaw(shape: Any, dtype: Any) -> str:
     """What is wrong with the distance of what contact takes it from, a pytree of numbers, which are of `dtype` in the
     model; empty where nothing is."""
     leaves, kind = jax.tree.flatten(shape)
-    if not hashable(kind):
-        return STATIC
+    if flaw := static_flaw(shape):
+        return flaw
     types = [dtype if jnp.issubdtype(jnp.result_type(leaf), jnp.floating) else jnp.result_type(leaf) for leaf in leaves]
     return _distance_flaw(kind, tuple(zip(map(jnp.shape, leaves), types, strict=True)), dtype)
 

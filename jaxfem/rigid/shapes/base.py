@@ -116,8 +116,8 @@ class Shape(Pytree):
         return np.concatenate([*around, *along, rims[:, 0] - reach, rims[:, 0] + reach])
 
     def outline(self, box: np.ndarray) -> Outline:
-        """Triangles to look at, in the shape's frame, within a `box` (2, 3) [m] where the shape is endless: where its
-        distance is 0, or its bounding box where it has none."""
+        """Triangles to look at, in the shape's frame, within a `box` (2, 3) [m] where the shape is endless, or in a
+        larger one where it has no part of it: where its distance is 0, or its bounding box where it has none."""
         if self.is_solid():
             extent = self.extent()
             if not len(extent):
@@ -126,7 +126,11 @@ class Shape(Pytree):
             if not self.is_obstacle():
                 return block(*box)
             box = box + 0.05 * np.ptp(box, axis=0).max() * np.array([[-1.0], [1.0]])
-        return level_surface(self.distance, box)
+        found = level_surface(self.distance, box)
+        away = 0.0 if len(found[1]) else float(np.abs(self.distance(box.mean(0))))
+        if not 0 < away < np.inf:
+            return found
+        return level_surface(self.distance, box + 1.1 * away * np.array([[-1.0], [1.0]]))  # seen from far off
 
     def thickness(self) -> float:
         """How wide [m] the gap between two points is through which it could slip at least, as its bounding box says;

@@ -103,6 +103,8 @@ def _cut(grid: np.ndarray, values: np.ndarray, tets: np.ndarray) -> Outline:
 
 def _joined(points: np.ndarray, triangles: np.ndarray) -> Outline:
     """Points within rounding as one, without the triangles that this leaves without area."""
+    if not len(triangles):
+        return np.zeros((0, 3)), np.zeros((0, 3), int)
     size = max(float(np.ptp(points, axis=0).max(initial=0)), 1e-150)
     _, first, number = np.unique(np.round(points / (1e-9 * size)), axis=0, return_index=True, return_inverse=True)
     corners = number.ravel()[triangles]
