@@ -119,7 +119,8 @@ class MassSpring(Method):
         if self.integration == "implicit":
             return None
         springs = stretched(model, params, model.rest, self.calibration)
-        return Limit(highest_square(model, params, springs), springs.stiffness, nodal_mass(model, params.density))
+        square = highest_square(model, params, self.calibration)
+        return Limit(square, springs.stiffness, nodal_mass(model, params.density))
 
     def elasticity(self, model: Model, params: Params, positions: Array, rates: Array) -> Elasticity:
         """That of the springs and their dashpots."""
@@ -214,8 +215,9 @@ def spring_system(model: Model, params: Params, state: State, dt: Array, springs
     )
 
 
-def highest_square(model: Model, params: Params, springs: Stretch) -> Array:
+def highest_square(model: Model, params: Params, calibration: str) -> Array:
     """Square of the highest frequency of the springs at rest, () [1/s^2], by power iterations: from below."""
+    springs = stretched(model, params, model.rest, calibration)
     mass, free = nodal_mass(model, params.density)[:, None], model.free[:, None]
     held = springs.replace(viscosity=springs.stiffness, length=springs.rest)
 

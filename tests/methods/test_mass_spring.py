@@ -94,6 +94,18 @@ def test_a_step_above_the_explicit_limit_has_a_status_that_says_so():
     assert not jnp.abs(above.positions).max() < 0.2
 
 
+@pytest.mark.parametrize("name", ["young", "density"])
+def test_the_limit_is_that_of_the_values_now_whatever_was_prepared(name):
+    model, params, state = built(MassSpring("explicit"), damping=0.0)
+    limit = 2 / float(jnp.sqrt(highest_square(model, params, "volume")))
+    model = jf.prepare(model, params, state, limit)
+    share = 1.5 if name == "young" else 1 / 1.5
+    other = params.replace(**{name: share * getattr(params, name)})
+    for dt, status in ((0.97 * limit / 1.5**0.5, 0), (0.97 * limit, "stability limit of explicit springs")):
+        told = jf.rollout(model, other, state, dt, 40)[1].status
+        assert not told.any() if status == 0 else told.all() and status in describe(told[0])
+
+
 def test_single_precision():
     single, info = jf.rollout(*built("mass_spring", dtype=jnp.float32), DT, 10)
     double, _ = jf.rollout(*built("mass_spring"), DT, 10)

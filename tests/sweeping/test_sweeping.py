@@ -91,6 +91,11 @@ def test_contacts_paths_and_engines_agree():
         made[0]["push"]
 
 
+def test_what_compiling_took_is_told_for_one_chunk_too(scene):
+    result = jf.sweep(*scene, {"young": np.array([1e5, 2e5])}, dt=1e-2, steps=1, outputs={"x": "positions"})
+    assert 0 < result.compiling < result.seconds and f"{result.compiling:.1f} s of them compiling" in str(result)
+
+
 def test_a_change_of_the_users_own(scene):
     """Values that have no place go to `change`; frequencies rise with the root of stiffness."""
 
