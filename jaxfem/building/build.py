@@ -81,7 +81,7 @@ def build(
     check_answers(bodies, names, dtype)
     for body, name in zip(bodies, names, strict=True):
         check_body(body, name)
-    made = _scheme(scheme, dtype, numbers)
+    made = _scheme(scheme, dtype, numbers, asked)
     check_laws(bodies, names)
     _check_same(bodies, "rotation")
     offsets = np.cumsum([0] + [len(b.mesh.points) for b in bodies])
@@ -115,13 +115,16 @@ def _facts(scene: Scene, model: Model) -> Facts:
     )
 
 
-def _scheme(scheme: str | Scheme, dtype: Any, numbers: dict[str, Any]) -> Scheme:
+def _scheme(scheme: str | Scheme, dtype: Any, numbers: dict[str, Any], method: Method | None) -> Scheme:
     try:
         return scheme_of(scheme, dtype, **numbers)
     except ValueError as problem:
         known = [name for name, each in inspect.signature(build).parameters.items() if each.kind is each.KEYWORD_ONLY]
         near = [word for name in numbers for word in difflib.get_close_matches(name, known, n=1)]
         hint = f"; did you mean build's `{near[0]}`?" if near else ""
+        own = [] if method is None else [name for name in numbers if name in vars(method)]
+        if own:
+            hint = f"; it is one of the method: give solver={type(method).__name__}({own[0]}=...)"
         raise SceneError(f"{problem}{hint}") from None
 
 

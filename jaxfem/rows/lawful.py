@@ -21,8 +21,7 @@ Array = jax.Array
 class LawRows(Pytree):
     """The energy of domains in a step, as a function of the end-of-step velocities (n, 3); see the head of this file.
 
-    `known` (3, 3, D): H at v = 0; `reach` and `weight` [s], () or (D,) and, on means over clusters, `row_weight`, (C,);
-    `rotation` (3, 3, D): the frames that the step begins with.
+    `known` (3, 3, D): H at v = 0; `reach` [s], () or (D,); `rotation` (3, 3, D): the frames that the step begins with.
     """
 
     domains: Domains

@@ -48,7 +48,8 @@ ROUNDS = 4
 
 class Approach(NamedTuple):
     """One-sided rows (m, r) before a step: `side` 1 or -1, 0 where off; `gap` [m or rad] and `rate` [per s], both
-    counted outwards; `restitution` (m, 1); `near`: gap below which they touch; `bodies` (m, k): slots of `Islands`."""
+    counted outwards; `restitution` (m, 1); `near`: gap below which they touch; `bodies` (m, k): numbers of
+    rigid bodies, as many as there are for what is none."""
 
     rows: PointRows
     side: Array

@@ -73,6 +73,11 @@ def test_sweeps_take_the_steps_of_a_class_beside():
     np.testing.assert_allclose(swept["x"][0, -1], jf.rollout(*scene, 1e-2, 2)[0].positions[-1], atol=1e-9)
 
 
+def test_a_setting_of_the_method_that_is_given_to_build_is_told():
+    with pytest.raises(jf.SceneError, match=r"it is one of the method: give solver=MassSpring\(calibration=...\)"):
+        jf.build(jf.Scene([jf.SoftBody(MESH, 2e5, 0.3, density=1e3)]), solver="mass_spring", calibration="lloyd")
+
+
 def test_methods_are_told_apart_by_all_their_fields():
     with pytest.raises(TypeError, match=r"Loose\.rounds is left out of comparison \(compare=False\)"):
         field = dataclasses.field(default=1, compare=False)
