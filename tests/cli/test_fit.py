@@ -54,7 +54,7 @@ def folder(tmp_path_factory):
 
 @pytest.mark.slow
 def test_files_in_values_tables_and_plots_out(folder, capsys):
-    assert main(["fit", str(folder / "fit.toml")]) == 0
+    assert main(["fit", str(folder / "fit.toml"), "--force"]) == 0
     told = capsys.readouterr()
     assert "young" in told.out and "wrote fitted.json, report.html" in told.out
     assert all(" simulation " in line for line in told.err.splitlines())  # piped: a line every ten seconds

@@ -201,6 +201,6 @@ def outside(out: Array) -> Array:
     return length(jnp.where(out > 0, out, 0)) + jnp.where(inside <= 0, inside, 0)
 
 
-def within(value: Array, low: Any, high: Any) -> Array:
+def between(value: Array, low: Any, high: Any) -> Array:
     """A number between two others, by selections too."""
     return jnp.where(value < low, low, jnp.where(value > high, high, value))

@@ -8,7 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 
 from jaxfem.inputs import Number, Vector, takes
-from jaxfem.rigid.shapes.base import MassProperties, Shape, length, outside, within
+from jaxfem.rigid.shapes.base import MassProperties, Shape, between, length, outside
 from jaxfem.rigid.shapes.outline import Outline, block, revolved
 
 Array = jax.Array
@@ -96,7 +96,7 @@ class Capsule(Shape, word="capsule"):
     def distance(self, point: Array) -> Array:
         """Signed distance of a point (3,) [m]."""
         half = jnp.asarray(self.length) / 2
-        along = within(point[2], -half, half)
+        along = between(point[2], -half, half)
         gap: Array = length(point - jnp.stack([0 * along, 0 * along, along])) - self.radius
         return gap
 
