@@ -8,7 +8,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import FLAG, described, flaw_of, odd_pair
+from jaxfem.answers import FLAG, described, flaw_of, odd_pair, still_says
 from jaxfem.materials.constants import Constant, MaterialError
 from jaxfem.ranges import Range
 from jaxfem.registry import Registry
@@ -56,6 +56,8 @@ class Material:
 
     def __init_subclass__(cls, word: str = "", **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
+        if not still_says(cls, "relaxes", "response", "commit"):
+            cls.relaxes = False
         if not word:
             return  # a class that others share code through
         if cls.stiffness is Material.stiffness:

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.answers import FLAG, NUMBER, flaw_of
+from jaxfem.answers import FLAG, NUMBER, flaw_of, still_says
 from jaxfem.inputs import Sources, TableLike, inputs_of, read_fields
 from jaxfem.pytrees import Pytree
 from jaxfem.registry import Registry
@@ -49,6 +49,9 @@ class Shape(Pytree):
     def __init_subclass__(cls, word: str | None = None, leading: str | None = None, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
         cls.word, cls.leading = word, leading
+        for flag in ("flat", "swept"):
+            if not still_says(cls, flag, "distance"):
+                setattr(cls, flag, False)
         if word is None:
             return
         if not (cls.is_solid() or cls.is_obstacle()):
