@@ -61,7 +61,7 @@ def test_a_flag_does_not_outlive_the_hooks_that_it_speaks_of():
     assert Condensed.as_it_is and not Halves.as_it_is
     assert Renamed.euler and Renamed.lanes and not (Lossy.euler or Lossy.lanes or Behind.euler or Behind.lanes)
     assert type("Same", (Condensed,), {"name": "same_for_a_test"}).as_it_is
-    wavy = type("Wavy", (jf.Plane,), {"distance": lambda self, point: point[2] - 0.1 * jnp.sin(point[0])})
+    wavy = type("Wavy", (jf.Plane,), {"distance": lambda self, point: point[2] - point[0] ** 2})
     assert jf.Plane.flat and type("Level", (jf.Plane,), {}).flat and not wavy.flat
     late = type("Late", (jf.Viscoelastic,), {"commit": lambda self, values, internal, *given: internal})
     assert jf.Viscoelastic.relaxes and type("Again", (jf.Viscoelastic,), {}).relaxes and not late.relaxes
