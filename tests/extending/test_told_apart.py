@@ -41,32 +41,32 @@ class Slower:
 
 
 class Halves(HalfSteps, Condensed):
-    name: ClassVar[str] = "halves_for_a_test"
+    name: ClassVar[str] = "halves_told_apart"
 
 
 class Lossy(Slower, BackwardEuler):
-    name: ClassVar[str] = "lossy_for_a_test"
+    name: ClassVar[str] = "lossy_told_apart"
 
 
 class Renamed(BackwardEuler):
-    name: ClassVar[str] = "renamed_for_a_test"
+    name: ClassVar[str] = "renamed_told_apart"
 
 
 class Behind(Renamed, Lossy):
-    name: ClassVar[str] = "behind_for_a_test"
+    name: ClassVar[str] = "behind_told_apart"
 
 
 def test_a_flag_does_not_outlive_the_hooks_that_it_speaks_of():
     """Whoever defines them: the class itself, one beside it, or one behind it in line."""
     assert Condensed.as_it_is and not Halves.as_it_is
     assert Renamed.euler and Renamed.lanes and not (Lossy.euler or Lossy.lanes or Behind.euler or Behind.lanes)
-    assert type("Same", (Condensed,), {"name": "same_for_a_test"}).as_it_is
+    assert type("Same", (Condensed,), {"name": "same_told_apart"}).as_it_is
     wavy = type("Wavy", (jf.Plane,), {"distance": lambda self, point: point[2] - point[0] ** 2})
     assert jf.Plane.flat and type("Level", (jf.Plane,), {}).flat and not wavy.flat
     late = type("Late", (jf.Viscoelastic,), {"commit": lambda self, values, internal, *given: internal})
     assert jf.Viscoelastic.relaxes and type("Again", (jf.Viscoelastic,), {}).relaxes and not late.relaxes
-    with pytest.raises(jf.SceneError, match='takes scheme = "backward_euler" alone, not "lossy_for_a_test"'):
-        beam(scheme="lossy_for_a_test", solver="assembled")
+    with pytest.raises(jf.SceneError, match='takes scheme = "backward_euler" alone, not "lossy_told_apart"'):
+        beam(scheme="lossy_told_apart", solver="assembled")
 
 
 @pytest.mark.slow
@@ -90,7 +90,7 @@ def test_methods_are_told_apart_by_all_their_fields():
         type("Alike", (Condensed,), {"__eq__": lambda self, other: True, "name": "alike"})
 
 
-class Scaled(jf.Material, word="scaled_for_a_test"):
+class Scaled(jf.Material, word="scaled_told_apart"):
     constants = (SHEAR,)
     factor = 1.0
 
@@ -138,7 +138,7 @@ def test_a_static_field_that_tells_nothing_apart_is_named():
     ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 1))
     with pytest.raises(jf.SceneError, match=text):
         jf.build(jf.Scene([ball], contacts=[jf.Contact(ball, Hill(mode=[1.0]))]))
-    body = {"__annotations__": {"turned": Any}, "turned": static(default=()), "name": "listed_for_a_test"}
+    body = {"__annotations__": {"turned": Any}, "turned": static(default=()), "name": "listed_told_apart"}
     listed = type("Listed", (Renamed,), body)
     with pytest.raises(jf.SceneError, match=text):
         beam(scheme=listed(turned=np.zeros(2)))
