@@ -91,6 +91,13 @@ def test_files_are_short():
     assert {name: length for name, length in lengths.items() if length > 300} == {}
 
 
+def test_one_module_alone_tells_jax_of_classes():
+    """By which JAX tells them apart, as it does not those of `register_dataclass` (see `pytrees.py`)."""
+    words = ("register_dataclass(", "register_pytree", "register_static(")
+    users = {p.name for p in ROOT.rglob("*.py") if any(f"tree_util.{word}" in p.read_text() for word in words)}
+    assert users == {"pytrees.py"}
+
+
 def test_one_module_alone_knows_meshio():
     """It is no longer kept up: what replaces it must have one place to go to."""
     users = [p.name for p in ROOT.rglob("*.py") if "import meshio" in p.read_text()]
