@@ -45,8 +45,12 @@ def static_flaw(tree: Any) -> str:
 
 
 def still_says(cls: type, flag: str, *hooks: str) -> bool:
-    """Whether the class that says `flag` knew of the `hooks` as they are: none is defined before it in line."""
-    return defined_at(cls, flag) <= min(defined_at(cls, hook) for hook in hooks)
+    """Whether the class in line that says `flag` has the same `hooks`, from the same classes, as this one has."""
+
+    def definers(of: type) -> list[list[type]]:
+        return [[each for each in of.__mro__ if hook in vars(each)] for hook in hooks]
+
+    return definers(cls) == definers(cls.__mro__[defined_at(cls, flag)])
 
 
 def defined_at(cls: type, name: str) -> int:

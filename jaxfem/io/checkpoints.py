@@ -30,7 +30,8 @@ def scene_mark(model: Model, params: Params) -> str:
     parts = model.joints, model.contacts, model.rigid, model.loads, model.driven, model.scheme
     told = params, model.rest, model.free, model.elements.cells, parts
     kinds = jax.tree.structure((told, model.domains)), model.laws, model.rotation_kind, model.mass, model.bodies
-    found = hashlib.sha256(_PLACE.sub("", str(kinds)).encode())
+    words = _SET.sub(lambda held: str(sorted(held[1].split(", "))), _PLACE.sub("", str(kinds)))
+    found = hashlib.sha256(words.encode())
     for key, leaf in jax.tree_util.tree_flatten_with_path(told)[0]:
         found.update(jax.tree_util.keystr(key).encode())
         found.update(np.ascontiguousarray(leaf).tobytes())
@@ -39,6 +40,8 @@ def scene_mark(model: Model, params: Params) -> str:
 
 _PLACE = re.compile(r" at 0x[0-9a-f]+")
 """Where an object stands in memory: of functions, as a signed distance, only the name is known."""
+_SET = re.compile(r"frozenset\(\{([^{}]*)\}\)")
+"""What each process writes in an order of its own."""
 
 
 def save_checkpoint(path: Path, state: State, done: int, dt: float, frames: int, mark: str = "") -> None:

@@ -135,7 +135,10 @@ class Material:
     @property
     def law(self) -> Self:
         """The same law and options without values: what the model holds."""
-        if lost := {*vars(self)} - {"values", "constants", "remembers", *self.options}:
+        found = {
+            name for each in type(self).__mro__ for name, way in vars(each).items() if isinstance(way, cached_property)
+        }
+        if lost := {*vars(self)} - {"values", "constants", *self.options} - found:
             raise MaterialError(
                 f"{type(self).__name__} has the attribute {min(lost)}, which no program would see: declare it in "
                 "`constants`, or in `options` where it is a flag, a number or a word that tells variants apart"

@@ -1,6 +1,10 @@
 """Kinds of one's own are told apart by all that they are, and what no program would see of them is refused."""
 
 import dataclasses
+import functools
+import os
+import subprocess
+import sys
 from typing import Any, ClassVar
 
 import numpy as np
@@ -56,9 +60,28 @@ class Behind(Renamed, Lossy):
     name: ClassVar[str] = "behind_told_apart"
 
 
+class Solves(Condensed):
+    name: ClassVar[str] = "solves_told_apart"
+
+    def solve(self, *given):
+        return super().solve(*given)
+
+
+class Steps(Condensed):
+    """Whose step is another way to the same, as it says; it knows of no other solve."""
+
+    as_it_is: ClassVar[bool] = True
+    name: ClassVar[str] = "steps_told_apart"
+
+    def step(self, *given):
+        return super().step(*given)
+
+
 def test_a_flag_does_not_outlive_the_hooks_that_it_speaks_of():
     """Whoever defines them: the class itself, one beside it, or one behind it in line."""
-    assert Condensed.as_it_is and not Halves.as_it_is
+    assert Condensed.as_it_is and Steps.as_it_is and not Halves.as_it_is and not Solves.as_it_is
+    for bases in ((Steps, Solves), (Solves, Steps)):
+        assert not type("Both", bases, {"name": "both_told_apart"}).as_it_is
     assert Renamed.euler and Renamed.lanes and not (Lossy.euler or Lossy.lanes or Behind.euler or Behind.lanes)
     assert type("Same", (Condensed,), {"name": "same_told_apart"}).as_it_is
     wavy = type("Wavy", (jf.Plane,), {"distance": lambda self, point: point[2] - point[0] ** 2})
@@ -105,6 +128,23 @@ class Scaled(jf.Material, word="scaled_told_apart"):
 def test_a_law_whose_attributes_no_program_would_see_is_refused():
     with pytest.raises(jf.MaterialError, match="Scaled has the attribute factor, which no program would see: declare"):
         beam(material=Scaled(2.0, shear=1e5))
+
+
+class Found(Scaled, word="found_told_apart"):
+    factor = 1.0
+    __init__ = jf.Material.__init__
+
+    @functools.cached_property
+    def half(self):
+        return 0.5
+
+    def stiffness(self, values):
+        return 4 * self.half * values["shear"], 2 * self.half * values["shear"]
+
+
+def test_what_a_law_finds_once_is_no_attribute_that_gets_lost():
+    law = Found(shear=1e5)
+    assert law.half == 0.5 and beam(material=law)[0].laws[0] == Found(shear=1e5).law
 
 
 @pytest.mark.parametrize("hook", ["response", "commit", "rest_strain"])
@@ -157,3 +197,25 @@ def test_the_mark_of_a_run_knows_kinds():
     marks = [scene_mark(*scene[:2]) for scene in scenes]
     assert len({*marks}) == len(scenes)
     assert scene_mark(*beam()[:2]) == marks[0] == scene_mark(*beam(solver="assembled")[:2])
+
+
+def test_the_mark_is_that_of_another_process():
+    """Which writes the words of a set in another order, and keeps functions elsewhere."""
+    code = (
+        "import jaxfem as jf\nfrom typing import Any\nfrom jaxfem.io.checkpoints import scene_mark\n"
+        "from jaxfem.pytrees import static\nfrom jaxfem.schemes import BackwardEuler\n"
+        "words = frozenset({'alpha', 'beta', 'gamma', 'delta'})\n"
+        "body = {'__annotations__': {'words': Any}, 'words': static(default=words), 'name': 'words'}\n"
+        "made = type('Words', (BackwardEuler,), body)\n"
+        "soft = jf.SoftBody(jf.mesh.box((1, 1, 1), 1), 1e5, 0.3, density=1e3)\n"
+        "ground = jf.SignedDistance(lambda point, values: point[2] + 0.1)\n"
+        "model, params, _ = jf.build(jf.Scene([soft], contacts=[jf.Contact(soft, ground)]), scheme=made())\n"
+        "print(scene_mark(model, params))"
+    )
+    told = {
+        subprocess.run(
+            [sys.executable, "-c", code], env=os.environ | {"PYTHONHASHSEED": seed}, capture_output=True, check=True
+        ).stdout
+        for seed in ("1", "2")
+    }
+    assert len(told) == 1
