@@ -5,6 +5,7 @@ not fit. Only shapes and types are looked at: nothing is computed. What such a f
 What a class says of itself, flags and words, is looked at by what is `Wanted` where it is defined.
 """
 
+import dataclasses
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
@@ -12,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from jaxfem.pytrees import without_hash
+from jaxfem.pytrees import Pytree
 
 Shape = tuple[int, ...]
 
@@ -36,6 +37,19 @@ def hashable(value: Any) -> bool:
     except TypeError:
         return False
     return True
+
+
+def without_hash(tree: Any) -> str:
+    """The first static field in a tree by whose value compiled programs cannot be told apart; empty where none is."""
+    for whole in jax.tree.leaves(tree, is_leaf=lambda each: isinstance(each, Pytree)):
+        for field in dataclasses.fields(whole) if isinstance(whole, Pytree) else ():
+            value = getattr(whole, field.name)
+            if not field.metadata.get("static"):
+                if found := without_hash(value):
+                    return found
+            elif not hashable(value):
+                return field.name
+    return ""
 
 
 def static_flaw(tree: Any) -> str:

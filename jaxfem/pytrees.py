@@ -24,11 +24,10 @@ class Pytree:
 
     def __init_subclass__(cls, **kwargs: Any) -> None:
         super().__init_subclass__(**kwargs)
-        if own := [
-            name for name in ("__init__", "__post_init__") if name in cls.__dict__ or hasattr(cls, "__post_init__")
-        ]:
+        again = "__post_init__" if hasattr(cls, "__post_init__") else "__init__"
+        if hasattr(cls, "__post_init__") or "__init__" in vars(cls):
             raise TypeError(
-                f"{cls.__name__} has {own[-1]} of its own: programs make it again from its fields alone. Let fields be "
+                f"{cls.__name__} has {again} of its own: programs make it again from its fields alone. Let fields be "
                 "what is given, make what follows from them a property, and refuse values where kinds are checked"
             )
         made: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
@@ -92,22 +91,6 @@ def exactly(value: Any) -> Any:
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         return type(value), *(exactly(getattr(value, each.name)) for each in dataclasses.fields(value))
     return type(value)
-
-
-def without_hash(tree: Any) -> str:
-    """The first static field in a tree by whose value compiled programs cannot be told apart; empty where none is."""
-    for whole in jax.tree.leaves(tree, is_leaf=lambda each: isinstance(each, Pytree)):
-        for field in dataclasses.fields(whole) if isinstance(whole, Pytree) else ():
-            value = getattr(whole, field.name)
-            if not field.metadata.get("static"):
-                if found := without_hash(value):
-                    return found
-                continue
-            try:
-                hash(value)
-            except TypeError:
-                return field.name
-    return ""
 
 
 def _reader(names: tuple[str, ...]) -> Callable[[Any], tuple[Any, ...]]:

@@ -11,7 +11,8 @@ import numpy as np
 import pytest
 
 import jaxfem as jf
-from jaxfem.pytrees import Pytree, outline, static, without_hash
+from jaxfem.answers import without_hash
+from jaxfem.pytrees import Pytree, outline, static
 
 KINDS = 150
 

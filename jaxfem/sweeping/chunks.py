@@ -62,7 +62,7 @@ class Sweep:
         check_rollout(steps, every, None)
         places = [place_of(name, model, params, state, value) for name, value in first.items() if _takes(name, change)]
         check_places(places)
-        check_counts(places, params, state, self.variants, model.rest.dtype)
+        check_counts(places, state, self.variants, model.rest.dtype)
         asked = _asked(derivatives, self.variants)
         measure = measuring(model, outputs)
         self.task = Task(model, params, state, dt, steps, every, tuple(places), measure, change, halvings, asked)

@@ -88,9 +88,7 @@ def check_places(places: Sequence[Place]) -> None:
                 )
 
 
-def check_counts(
-    places: Sequence[Place], params: Params, state: State, variants: Mapping[str, np.ndarray], dtype: Any
-) -> None:
+def check_counts(places: Sequence[Place], state: State, variants: Mapping[str, np.ndarray], dtype: Any) -> None:
     """SweepError where a count or a flag that is remembered would be cut down to a whole number."""
     for place in places:
         if place.root != "state":
