@@ -289,14 +289,3 @@ def test_a_shape_whose_solid_is_none_is_refused():
 
     with pytest.raises(jf.SceneError, match=r'the shape of "flat", Flat, has mass_properties that no solid has'):
         jf.build(jf.Scene([jf.RigidBody(Flat(0.1), mass=1.0)]))
-
-
-def test_the_method_that_was_asked_for_is_taken_or_refused_by_name_and_the_model_says_why():
-    for scene, words in (
-        ([BALL], "works on the nodes of soft bodies"),
-        ([BALL, soft()], "takes rigid bodies that joints"),
-    ):
-        with pytest.raises(jf.SceneError, match=f'solver "condensed" {words}.* use "auto"'):
-            jf.build(jf.Scene(scene), solver="condensed")
-    model = jf.build(jf.Scene([BALL]))[0]
-    assert model.choice.asked == "auto" and model.choice.reason and model.method.name in ("direct", "mprgp")

@@ -75,3 +75,16 @@ def test_what_cannot_be_eliminated_is_refused_by_name():
         jf.build(jf.Scene([soft]), solver="direct")
     with pytest.raises(jf.SceneError, match="soft bodies"):
         jf.build(jf.Scene([soft, ball], joints=[jf.BallJoint(soft, ball, (0.5, 0.5, 0.5))]), solver="direct")
+
+
+def test_the_method_that_was_asked_for_is_taken_or_refused_by_name_and_the_model_says_why():
+    ball = jf.RigidBody(jf.Sphere(0.1), mass=1.0, position=(0, 0, 1.0))
+    cube = jf.SoftBody(jf.mesh.box((0.1, 0.1, 0.1), 1), young=1e5, poisson=0.3, density=1e3)
+    for bodies, words in (
+        ([ball], "works on the nodes of soft bodies"),
+        ([ball, cube], "takes rigid bodies that joints"),
+    ):
+        with pytest.raises(jf.SceneError, match=f'solver "condensed" {words}.* use "auto"'):
+            jf.build(jf.Scene(bodies), solver="condensed")
+    model = jf.build(jf.Scene([ball]))[0]
+    assert model.choice.asked == "auto" and model.choice.reason and model.method.name in ("direct", "mprgp")
